@@ -1,0 +1,1 @@
+"""What both ends of a wire share. Imports no service and no deployment code."""

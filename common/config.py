@@ -1,0 +1,171 @@
+"""The configuration of a run: frozen models, checked before any process starts.
+
+A run's learning curve is a function of `RunConfig` without `cluster`; `cluster` says only how the work is carried
+out. Every part of the system receives its own section, never the tree.
+"""
+
+import difflib
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+Difficulty = Literal["easy", "medium", "hard"]
+DIFFICULTIES: tuple[Difficulty, ...] = ("easy", "medium", "hard")
+
+Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class ConfigError(ValueError):
+    """Bad input from the user: the message names the field, the value and the remedy."""
+
+
+class Strict(BaseModel):
+    """A frozen section; an unknown key is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+
+class NetworkConfig(Strict):
+    """Layers of the network that all trains share."""
+
+    hidden: tuple[Annotated[int, Field(ge=1, le=4096)], ...] = Field(default=(128, 128), min_length=1, max_length=8)
+    dueling: bool = False  # Wang et al. 2016
+
+
+class DqnConfig(Strict):
+    """Deep Q-learning and its variants (Mnih et al. 2015)."""
+
+    learning_rate: Positive
+    batch_size: int = Field(ge=1, le=65536)
+    learn_every_steps: int = Field(ge=1)  # environment steps between two updates
+    replay_capacity: int = Field(ge=1, le=10_000_000)  # transitions
+    target_tau: Share | None = None  # share of the online network that the target takes per update; none: no target
+    double: bool = False  # the online network picks, the target network scores (van Hasselt et al. 2016)
+
+    @model_validator(mode="after")
+    def _batch_fits_in_replay(self) -> Self:
+        if self.batch_size > self.replay_capacity:
+            raise ValueError(f"batch_size {self.batch_size} exceeds replay_capacity {self.replay_capacity}")
+        if self.double and self.target_tau is None:
+            raise ValueError("double needs a target network: set target_tau")
+        return self
+
+
+class ExplorationConfig(Strict):
+    """Epsilon-greedy: geometric decay from `epsilon_start` to `epsilon_end` over `decay_share` of the episodes."""
+
+    epsilon_start: float = Field(default=0.9, ge=0, le=1)
+    epsilon_end: float = Field(default=0.01, gt=0, le=1)
+    decay_share: Share = 0.5
+
+    def epsilon(self, episode: int, episodes: int) -> float:
+        """The share of random actions in `episode` (0-based) of a run of `episodes`."""
+        if self.epsilon_start <= self.epsilon_end:
+            return self.epsilon_start
+        progress = min(1.0, episode / max(1.0, episodes * self.decay_share))
+        return float(self.epsilon_start * (self.epsilon_end / self.epsilon_start) ** progress)
+
+
+class EvaluationConfig(Strict):
+    """How often a checkpoint is written, and on how many fixed levels it is scored, greedily."""
+
+    every_episodes: int = Field(default=100, ge=1)
+    levels: int = Field(default=50, ge=1, le=10_000)
+
+
+class ClusterConfig(Strict):
+    """How the work is carried out; nothing here changes a learning curve."""
+
+    actors: dict[Difficulty | Literal["any"], Annotated[int, Field(ge=0, le=256)]]
+    cores: int = Field(default=2, ge=1)
+    port: int = Field(default=0, ge=0, le=65535)  # 0: any free one
+    snapshot_every_episodes: int = Field(default=50, ge=1)
+    hang_timeout_s: Positive = 60.0  # a process silent for longer is killed and started anew
+    max_restarts: int = Field(default=5, ge=0)  # of one process within `restart_window_s`
+    restart_window_s: Positive = 120.0
+
+
+class RunConfig(Strict):
+    """Everything that a run is."""
+
+    algorithm: str
+    mix: dict[Difficulty, Share]
+    episodes: int = Field(ge=1, le=10_000_000)
+    seed: int = Field(default=1, ge=0, lt=2**31)
+    lag: int = Field(default=0, ge=0, le=1024)
+    engine: Literal["flatland"] = "flatland"
+    discount: float = Field(default=0.99, gt=0, le=1)
+    network: NetworkConfig
+    dqn: DqnConfig
+    exploration: ExplorationConfig = ExplorationConfig()
+    evaluation: EvaluationConfig = EvaluationConfig()
+    cluster: ClusterConfig
+
+    @model_validator(mode="after")
+    def _mix_is_whole(self) -> Self:
+        if not self.mix or abs(sum(self.mix.values()) - 1) > 1e-9:
+            raise ValueError(f"the shares of mix add up to {sum(self.mix.values()):g}: make it 1")
+        return self
+
+    @model_validator(mode="after")
+    def _every_difficulty_has_actors(self) -> Self:
+        actors = {name: count for name, count in self.cluster.actors.items() if count > 0}
+        if "any" not in actors:
+            for difficulty in self.mix:
+                if difficulty not in actors:
+                    raise ValueError(f"no actors for difficulty {difficulty}: add --actors {difficulty}=1")
+        for name in actors:
+            if name != "any" and name not in self.mix:
+                known = ", ".join(self.mix)
+                raise ValueError(f"actors for difficulty {name}, which this run does not have: it has {known}")
+        return self
+
+    @property
+    def science(self) -> dict[str, Any]:
+        """What determines the learning curve, as plain data: everything but `cluster`."""
+        return self.model_dump(mode="json", exclude={"cluster"})
+
+
+def parse_config(data: dict[str, Any]) -> RunConfig:
+    """Check plain data against `RunConfig`.
+
+    Raises:
+        ConfigError: one line that names the first wrong field, its value and the remedy.
+    """
+    try:
+        return RunConfig.model_validate(data)
+    except ValidationError as error:
+        raise ConfigError(describe(error)) from None
+
+
+def describe(error: ValidationError) -> str:
+    """The first problem of a validation error as one line: field, value, remedy."""
+    problem = error.errors()[0]
+    path = [str(part) for part in problem["loc"] if part != "[key]"]
+    field = ".".join(path)
+    if problem["type"] == "extra_forbidden":
+        return f"unknown key {field}{nearest(path[-1], _keys_at(path[:-1]))}"
+    if problem["type"] == "missing":
+        return f"{field} is missing: give it a value"
+    message = problem["msg"].removeprefix("Value error, ")
+    if problem["type"] == "value_error":
+        return f"{field}: {message}" if field else message
+    return f"{field}: {message[0].lower()}{message[1:]}, not {problem['input']!r}"
+
+
+def nearest(word: str, known: list[str]) -> str:
+    """A hint that ends an error line: the nearest known name, and the list."""
+    close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    hint = f": did you mean {close[0]}?" if close else ":"
+    return f"{hint} known are {', '.join(sorted(known))}"
+
+
+def _keys_at(path: list[str]) -> list[str]:
+    model: type[BaseModel] = RunConfig
+    for part in path:
+        annotation = model.model_fields[part].annotation
+        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+            return []
+        model = annotation
+    return list(model.model_fields)

@@ -1,0 +1,1 @@
+"""Levels: what a railway world starts from."""

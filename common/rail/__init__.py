@@ -1,0 +1,1 @@
+"""Railway worlds: stepping, decisions, observations. No torch, no Zenoh."""

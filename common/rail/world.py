@@ -1,0 +1,53 @@
+"""The interface that a batch of episodes runs through, whichever engine steps it."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.levels.level import Level
+
+N_ACTIONS = 5
+DO_NOTHING, MOVE_LEFT, MOVE_FORWARD, MOVE_RIGHT, STOP_MOVING = range(N_ACTIONS)
+
+
+class World(Protocol):
+    """E slots; each is loaded with a level and steps on its own until its episode is over.
+
+    Slots may hold different numbers of trains: arrays have room for `max_trains`, unused places are false or zero.
+    """
+
+    slots: int
+    max_trains: int
+    n_features: int
+
+    def load(self, slot: int, level: Level) -> None:
+        """Start an episode of `level` in `slot`."""
+        ...
+
+    def deciding(self) -> NDArray[np.bool_]:
+        """[E, N]: trains whose action matters now; all others follow the rails. False in slots that are over."""
+        ...
+
+    def observe(self, slot: int, train: int) -> NDArray[np.float32]:
+        """[F]: the normalised observation, in [-1, 0], of a train that has not arrived."""
+        ...
+
+    def step(self, actions: NDArray[np.int8]) -> NDArray[np.float32]:
+        """One step of every slot that is not over.
+
+        Args:
+            actions: [E, N]; only those of deciding trains count.
+
+        Returns:
+            [E, N]: rewards; zero in slots that were over before.
+        """
+        ...
+
+    def arrived(self) -> NDArray[np.bool_]:
+        """[E, N]: trains that have reached their target (terminated)."""
+        ...
+
+    def over(self) -> NDArray[np.bool_]:
+        """[E]: all trains arrived, or the step limit was reached (truncated); true where nothing was ever loaded."""
+        ...

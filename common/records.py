@@ -1,0 +1,190 @@
+"""What travels between processes and into files: plain, frozen, strictly checked records.
+
+Shape letters, time first: T environment steps, D decisions, N trains, F features, P parameters.
+"""
+
+import hashlib
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, model_validator
+from pydantic_core import CoreSchema, core_schema
+
+from common.config import Difficulty
+
+Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
+Text = Annotated[str, Field(max_length=4096)]
+Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
+Count = Annotated[int, Field(ge=0, lt=2**53)]
+
+
+@dataclass(frozen=True)
+class Array:
+    """Declares an array field: its dtype and one letter (or number) a dimension; equal letters are equal lengths."""
+
+    dtype: str
+    dims: tuple[str | int, ...] | None = None  # none: any shape
+
+    def __get_pydantic_core_schema__(self, _source: Any, _handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(self.check)
+
+    def check(self, value: Any) -> NDArray[Any]:
+        if not isinstance(value, np.ndarray):
+            raise ValueError(f"wants an array, got {type(value).__name__}")  # noqa: TRY004  (pydantic wants ValueError)
+        if value.dtype != np.dtype(self.dtype):
+            raise ValueError(f"wants dtype {self.dtype}, got {value.dtype}")
+        if self.dims is not None and value.ndim != len(self.dims):
+            raise ValueError(f"wants {len(self.dims)} dimensions, got shape {value.shape}")
+        for size, want in zip(value.shape, self.dims or (), strict=self.dims is not None):
+            if isinstance(want, int) and size != want:
+                raise ValueError(f"wants shape {self.dims}, got {value.shape}")
+        if value.dtype.kind == "f" and not np.isfinite(value).all():
+            raise ValueError("has non-finite numbers")
+        return value
+
+
+class Record(BaseModel):
+    """A strict message: no unknown field, no coercion, no non-finite number, one length a shape letter."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, arbitrary_types_allowed=True
+    )
+
+    @model_validator(mode="after")
+    def _letters_agree(self) -> Self:
+        seen: dict[str, int] = {}
+        for field, info in type(self).model_fields.items():
+            for spec in info.metadata:
+                if isinstance(spec, Array):
+                    self._match(field, spec, seen)
+        return self
+
+    def _match(self, field: str, spec: Array, seen: dict[str, int]) -> None:
+        for letter, size in zip(spec.dims or (), getattr(self, field).shape, strict=spec.dims is not None):
+            if isinstance(letter, str) and seen.setdefault(letter, size) != size:
+                raise ValueError(f"{field}: dimension {letter} is {size} here and {seen[letter]} before")
+
+
+class Lease(Record):
+    """The right and duty to act one episode: everything that its outcome depends on, but the weights themselves."""
+
+    episode: Count
+    level: Difficulty
+    level_seed: Count
+    weights_version: Count
+    epsilon: float = Field(ge=0, le=1)
+
+
+class Episode(Record):
+    """What happened in an episode. Decisions are in the order of (time, train).
+
+    A train's rewards run over all T steps; it arrived on step `arrived_at` (0-based), or -1 if the step limit
+    truncated it, and then `final_observations` holds what it saw last (zeros for trains that arrived).
+    """
+
+    episode: Count
+    level: Difficulty
+    level_seed: Count
+    level_hash: Digest
+    weights_version: Count
+    actor: Name
+    acting_s: float = Field(ge=0)
+    max_steps: Annotated[int, Field(ge=1, le=100_000)]
+    observations: Annotated[NDArray[np.float32], Array("float32", ("D", "F"))]
+    times: Annotated[NDArray[np.int32], Array("int32", ("D",))]
+    trains: Annotated[NDArray[np.int32], Array("int32", ("D",))]
+    actions: Annotated[NDArray[np.int8], Array("int8", ("D",))]
+    rewards: Annotated[NDArray[np.float32], Array("float32", ("T", "N"))]
+    arrived_at: Annotated[NDArray[np.int32], Array("int32", ("N",))]
+    final_observations: Annotated[NDArray[np.float32], Array("float32", ("N", "F"))]
+
+    @model_validator(mode="after")
+    def _indices_hold(self) -> Self:
+        steps, trains = self.rewards.shape
+        for field, limit in (("times", steps), ("trains", trains), ("actions", 5)):
+            values = getattr(self, field)
+            if values.size and (values.min() < 0 or values.max() >= limit):
+                raise ValueError(f"{field}: wants values in 0..{limit - 1}")
+        if not 1 <= steps <= self.max_steps or trains < 1:
+            raise ValueError(f"rewards: wants 1..{self.max_steps} steps of at least one train, got {steps} of {trains}")
+        if self.arrived_at.min() < -1 or self.arrived_at.max() >= steps:
+            raise ValueError(f"arrived_at: wants values in -1..{steps - 1}")
+        return self
+
+    @property
+    def normalised_return(self) -> float:
+        """Sum of all rewards / (trains * max steps): -1 is the worst, about -0.06 the best there is."""
+        return float(self.rewards.sum(dtype=np.float64)) / (self.rewards.shape[1] * self.max_steps)
+
+    @property
+    def digest(self) -> str:
+        """Hash of everything but who acted and how long it took."""
+        state = hashlib.blake2b(digest_size=16)
+        for field in type(self).model_fields:
+            if field in ("actor", "acting_s"):
+                continue
+            value = getattr(self, field)
+            state.update(f"{field}:".encode())
+            if isinstance(value, np.ndarray):
+                state.update(f"{value.dtype.str}{value.shape}".encode())
+                state.update(np.ascontiguousarray(value).tobytes())
+            else:
+                state.update(repr(value).encode())
+        return state.hexdigest()
+
+
+class EpisodeRow(Record):
+    """A line of `episodes.jsonl`: one trained episode. All but `actor` and the two times is a function of the run."""
+
+    episode: Count
+    level: Difficulty
+    seed: Count
+    normalised_return: float = Field(alias="return")
+    arrived: Count
+    trains: Count
+    steps: Count
+    decisions: Count
+    epsilon: float
+    weights_version: Count
+    digest: Digest
+    actor: Name
+    acting_s: float
+    trained_unix_s: float
+
+    model_config = ConfigDict(populate_by_name=True)
+
+
+class EvaluationRow(Record):
+    """A line of `evaluations.jsonl`: a checkpoint scored greedily on the fixed levels of one difficulty."""
+
+    episode: Count
+    level: Difficulty
+    levels: Count
+    normalised_return: float = Field(alias="return")
+    arrived_share: float
+    all_arrived_share: float
+    mean_steps: float
+    weights_digest: Digest
+    evaluated_unix_s: float
+    evaluating_s: float
+
+    model_config = ConfigDict(populate_by_name=True)
+
+
+class Weights(Record):
+    """The network's parameters after `version` trained episodes."""
+
+    version: Count
+    tensors: dict[Annotated[str, Field(max_length=128)], Annotated[NDArray[np.float32], Array("float32")]]
+
+
+class Heartbeat(Record):
+    """A sign of life from a process's own loop, with what it has to tell."""
+
+    process: Name
+    role: Literal["router", "learner", "actor", "evaluator"]
+    pid: Count
+    state: Annotated[str, Field(max_length=64)]
+    counters: dict[Annotated[str, Field(max_length=64)], float] = {}
