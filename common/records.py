@@ -17,6 +17,7 @@ from common.config import Difficulty
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
 Text = Annotated[str, Field(max_length=4096)]
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
+Role = Literal["router", "learner", "actor", "evaluator"]
 Count = Annotated[int, Field(ge=0, lt=2**53)]
 
 
@@ -180,11 +181,143 @@ class Weights(Record):
     tensors: dict[Annotated[str, Field(max_length=128)], Annotated[NDArray[np.float32], Array("float32")]]
 
 
+class WeightsRequest(Record):
+    """Asks the learner for one version of the weights."""
+
+    version: Count
+
+
+class LeaseRequest(Record):
+    """An actor asks for work, and says which untrained episodes it still keeps."""
+
+    actor: Name
+    incarnation: Name
+    serves: Difficulty | Literal["any"]
+    kept: list[Count] = Field(max_length=100_000)
+
+
+class LeaseAnswer(Record):
+    """The learner's answer: perhaps a lease, and what the actor may forget or must publish again."""
+
+    lease: Lease | None
+    safe_before: Count  # episodes below are in a durable snapshot: forget them
+    missing: list[Count] = Field(max_length=100_000)  # kept by the actor, not at the learner: publish them again
+    finished: bool  # every episode is trained
+
+
+class HistoryRequest(Record):
+    """Asks for rows from position `first` on."""
+
+    first: Count
+
+
+class EpisodeRows(Record):
+    """A stretch of the episode history, starting where it was asked for; `total` rows exist."""
+
+    rows: list[EpisodeRow] = Field(max_length=2_000)
+    total: Count
+
+
+class EvaluationRows(Record):
+    """A stretch of the evaluation history, starting where it was asked for; `total` rows exist."""
+
+    rows: list[EvaluationRow] = Field(max_length=2_000)
+    total: Count
+
+
+class CheckpointNotice(Record):
+    """The learner has written the checkpoints after these numbers of episodes; `finished`: no more will come."""
+
+    episodes: list[Count] = Field(max_length=100_000)
+    finished: bool
+
+
+class CheckpointRequest(Record):
+    """Asks for the checkpoint after `episode` episodes."""
+
+    episode: Count
+
+
+class CheckpointFile(Record):
+    """A checkpoint, byte for byte as on disk; its own digest protects it."""
+
+    episode: Count
+    content: bytes = Field(max_length=256_000_000)
+
+
+class Empty(Record):
+    """Asks for something that needs no argument."""
+
+
+class LearnerCommand(Record):
+    """What a user asks of the learner."""
+
+    verb: Literal["pause", "resume", "checkpoint"]
+
+
+class ScaleRequest(Record):
+    """How many actors there shall be for each named difficulty; others stay as they are."""
+
+    actors: dict[Difficulty | Literal["any"], Annotated[int, Field(ge=0, le=256)]]
+
+
+class CommandAnswer(Record):
+    """Whether a command was carried out, and what there is to say about it."""
+
+    done: bool
+    text: Text
+
+
 class Heartbeat(Record):
     """A sign of life from a process's own loop, with what it has to tell."""
 
     process: Name
-    role: Literal["router", "learner", "actor", "evaluator"]
+    role: Role
     pid: Count
     state: Annotated[str, Field(max_length=64)]
     counters: dict[Annotated[str, Field(max_length=64)], float] = {}
+
+
+class ProcessStatus(Record):
+    """A process as its supervisor sees it."""
+
+    process: Name
+    role: Role
+    difficulty: Difficulty | Literal["any"] | None
+    pid: Count | None
+    state: Annotated[str, Field(max_length=64)]
+    restarts: Count
+    last_heartbeat_unix_s: float | None
+
+
+class Progress(Record):
+    """How far a run is, as its learner tells."""
+
+    done: Count
+    leased: Count
+    waiting: dict[Difficulty, Count]  # could be acted now, if an actor asked
+    weights_version: Count
+    snapshot: Count  # episodes in the newest snapshot
+    evaluations: Count
+    evaluations_due: Count
+    return_last_100: float | None
+    episodes_per_s: float
+    steps_per_s: float
+    refused: Count  # messages that the strict decoding turned away
+    duplicates: Count
+    reissued: Count
+
+
+class Status(Record):
+    """The state of a run and of its processes."""
+
+    run: Text
+    path: Text
+    state: Literal["starting", "running", "paused", "finishing", "finished", "stopping", "stopped", "failed"]
+    algorithm: Text
+    episodes: Count
+    supervisor_pid: Count | None
+    progress: Progress | None
+    time_left_s: float | None
+    problems: list[Text] = Field(max_length=100)
+    processes: list[ProcessStatus] = Field(max_length=2_000)

@@ -1,0 +1,1 @@
+"""The processes of a run; strangers to each other, they meet on the wire only."""

@@ -1,0 +1,1 @@
+"""Acts leased episodes and publishes them."""

@@ -1,0 +1,1 @@
+"""Scores every checkpoint on fixed levels that training never sees."""

@@ -1,0 +1,1 @@
+"""Carries everybody's messages."""

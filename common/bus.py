@@ -1,0 +1,256 @@
+"""The only place that knows Zenoh: typed topics, services and liveliness over one session.
+
+Whatever arrives is decoded and handed to a callback at once, on Zenoh's own thread; callbacks put it into the
+service's inbox and return. A full channel would stall the whole link, so nothing here is bounded by a channel:
+the leases bound the work in flight. What does not decode is refused: counted, logged, answered with an error.
+"""
+
+import json
+import logging
+import queue
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Generic, TypeVar
+
+import zenoh
+
+from common.records import Record
+from common.wire.codec import Refused, decode, encode, encoding_of
+from common.wire.keys import Alive, Service, Topic
+
+A = TypeVar("A", bound=Record)
+B = TypeVar("B", bound=Record)
+
+log = logging.getLogger(__name__)
+
+LEASE_MS = 2000  # a silent peer's tokens vanish after this
+NO_TIMEOUT_MS = -1
+STRETCH_S = 0.1
+GRACE_S = 1.0  # zenoh itself ends a question at its time-out; this is for when it does not
+
+
+class NoAnswer(Exception):  # noqa: N818  (an outcome, not an error: the caller decides)
+    """Nobody answered, or the one who did sent nothing usable; the text says which."""
+
+
+class Question(Generic[A, B]):
+    """A question that waits for its one answer; it may be kept and answered later."""
+
+    def __init__(self, query: Any, service: Service[A, B], key: str, request: A) -> None:
+        self._query = query
+        self._service = service
+        self._key = key
+        self.request = request
+
+    def answer(self, record: B) -> None:
+        """Send the answer and end the question."""
+        try:
+            self._query.reply(self._key, encode(record), encoding=encoding_of(self._service.answer))
+        except zenoh.ZError as error:
+            log.warning("an answer on %s did not go out: %s", self._service.key, error)
+        self.drop()
+
+    def refuse(self, reason: str) -> None:
+        """Answer with an error and end the question."""
+        try:
+            self._query.reply_err(reason.encode())
+        except zenoh.ZError as error:
+            log.warning("a refusal on %s did not go out: %s", self._service.key, error)
+        self.drop()
+
+    def drop(self) -> None:
+        """End the question without an answer."""
+        self._query.drop()
+
+
+class Bus:
+    """A session within the namespace of one run."""
+
+    def __init__(self, session: Any, namespace: str) -> None:
+        self._session = session
+        self._namespace = namespace
+        self._declared: list[Any] = []  # zenoh undeclares what is no longer referenced
+        self.refused = 0
+
+    def publish(self, topic: Topic[A], record: A) -> None:
+        """Send to all subscribers; who is not connected now never gets it."""
+        try:
+            self._session.put(
+                self._key(topic.key),
+                encode(record),
+                encoding=encoding_of(topic.record),
+                congestion_control=zenoh.CongestionControl.BLOCK,
+            )
+        except zenoh.ZError as error:
+            log.warning("a message on %s did not go out: %s", topic.key, error)
+
+    def subscribe(self, topic: Topic[A], on_record: Callable[[A], None]) -> None:
+        """Call `on_record`, on another thread, with every valid message."""
+
+        def on_sample(sample: Any) -> None:
+            try:
+                record = decode(topic.record, str(sample.encoding), sample.payload.to_bytes())
+            except Refused as reason:
+                self._refuse(topic.key, reason)
+            else:
+                on_record(record)
+
+        self._declared.append(self._session.declare_subscriber(self._key(topic.key), on_sample))
+
+    def serve(self, service: Service[A, B], on_question: Callable[[Question[A, B]], None]) -> None:
+        """Call `on_question`, on another thread, with every valid question."""
+        key = self._key(service.key)
+
+        def on_query(query: Any) -> None:
+            body = b"" if query.payload is None else query.payload.to_bytes()
+            try:
+                request = decode(service.request, str(query.encoding), body)
+            except Refused as reason:
+                self._refuse(service.key, reason)
+                query.reply_err(str(reason).encode())
+                query.drop()
+            else:
+                on_question(Question(query, service, key, request))
+
+        self._declared.append(self._session.declare_queryable(key, on_query, complete=True))
+
+    def ask(
+        self, service: Service[A, B], request: A, timeout_s: float, give_up: Callable[[], bool] = lambda: False
+    ) -> B:
+        """The answer to a question. Waits in short stretches, so that signals are served and `give_up` is heard.
+
+        Raises:
+            NoAnswer: nobody answered in time, the answer was an error or was refused, or the asker gave up.
+        """
+        replies: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        try:
+            self._session.get(
+                self._key(service.key),
+                zenoh.handlers.Callback(replies.put, drop=lambda: replies.put(None)),
+                payload=encode(request),
+                encoding=encoding_of(service.request),
+                timeout=timeout_s,
+            )
+        except zenoh.ZError as error:
+            raise NoAnswer(f"{service.key}: {error}") from None
+        reply = _first(replies, timeout_s, give_up)
+        if reply is None:
+            raise NoAnswer(f"{service.key}: nobody answers")
+        if reply.ok is None:
+            text = reply.err.payload.to_string()
+            raise NoAnswer(f"{service.key}: {text}")
+        try:
+            return decode(service.answer, str(reply.ok.encoding), reply.ok.payload.to_bytes())
+        except Refused as reason:
+            self._refuse(service.key, reason)
+            raise NoAnswer(f"{service.key}: {reason}") from None
+
+    def declare_alive(self, alive: Alive) -> None:
+        """Hold a token that vanishes when this process dies."""
+        self._declared.append(self._session.liveliness().declare_token(self._key(alive.key)))
+
+    def watch_alive(self, key: str, on_change: Callable[[Alive, bool], None]) -> None:
+        """Call `on_change`, on another thread, when a token comes (also those that are there already) or goes."""
+        prefix = len(self._namespace) + 1
+
+        def on_sample(sample: Any) -> None:
+            try:
+                alive = Alive.parse(str(sample.key_expr)[prefix:])
+            except ValueError as reason:
+                self._refuse(key, reason)
+            else:
+                on_change(alive, sample.kind == zenoh.SampleKind.PUT)
+
+        self._declared.append(self._session.liveliness().declare_subscriber(self._key(key), on_sample, history=True))
+
+    def connected(self) -> bool:
+        """Whether the router is there right now."""
+        return bool(self._session.info.routers_zid())
+
+    def _key(self, key: str) -> str:
+        return f"{self._namespace}/{key}"
+
+    def _refuse(self, key: str, reason: Exception) -> None:
+        self.refused += 1
+        if self.refused <= 20 or self.refused % 1000 == 0:
+            log.warning("refused a message on %s (the %d.): %s", key, self.refused, reason)
+
+
+def _first(replies: "queue.SimpleQueue[Any]", timeout_s: float, give_up: Callable[[], bool]) -> Any:
+    deadline = time.monotonic() + timeout_s + GRACE_S
+    while time.monotonic() < deadline and not give_up():
+        try:
+            return replies.get(timeout=STRETCH_S)
+        except queue.Empty:
+            continue
+    return None
+
+
+@contextmanager
+def open_bus(endpoint: str, namespace: str, connect_timeout_s: float | None = None) -> Iterator[Bus]:
+    """A client session of the router at `endpoint`, closed at the end; it reconnects by itself.
+
+    Args:
+        endpoint: for example `tcp/127.0.0.1:7447`.
+        namespace: the run's own key prefix.
+        connect_timeout_s: how long to wait for the router; none waits for ever.
+
+    Raises:
+        NoAnswer: no router within `connect_timeout_s`.
+    """
+    timeout_ms = NO_TIMEOUT_MS if connect_timeout_s is None else int(connect_timeout_s * 1000)
+    settings = {
+        "mode": "client",
+        "connect": {
+            "endpoints": [endpoint],
+            "timeout_ms": timeout_ms,
+            "exit_on_failure": connect_timeout_s is not None,
+            "retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
+        },
+    }
+    try:
+        session = _open(settings)
+    except zenoh.ZError as error:
+        raise NoAnswer(f"no router at {endpoint}: {error}") from None
+    try:
+        yield Bus(session, namespace)
+    finally:
+        session.close()
+
+
+@contextmanager
+def open_router(endpoint: str) -> Iterator[None]:
+    """A router that listens on `endpoint` and nowhere else, until the end of the block.
+
+    Raises:
+        OSError: the endpoint cannot be listened on.
+    """
+    settings = {"mode": "router", "listen": {"endpoints": [endpoint], "exit_on_failure": True}}
+    try:
+        session = _open(settings)
+    except zenoh.ZError as error:
+        raise OSError(f"cannot listen on {endpoint}: {error}") from None
+    try:
+        yield
+    finally:
+        session.close()
+
+
+def _open(settings: dict[str, Any]) -> Any:
+    zenoh.init_log_from_env_or("error")
+    base: dict[str, Any] = {
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "transport": {
+            # A suspended reader was seen to get one message with the bytes of a later one.
+            "shared_memory": {"enabled": False},
+            "link": {
+                "tx": {
+                    "lease": LEASE_MS,
+                    # The default closes the transport, and loses all that is queued, after 5 s of congestion.
+                    "queue": {"congestion_control": {"block": {"wait_before_close": 30_000_000}}},
+                }
+            },
+        },
+    }
+    return zenoh.open(zenoh.Config.from_json5(json.dumps(base | settings)))

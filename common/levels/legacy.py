@@ -1,0 +1,227 @@
+"""The levels of the study: the `legacy` distribution of flatland 2.2.2, drawn with the generators of flatland-rl 4.3.0.
+
+Source: "Deep Reinforcement Learning in the Flatland Multi-Agent Environment" (2021), table 5.1, and the sparse rail and
+schedule generators of flatland-rl 2.2.2. Where 4.3.0 differs (tracks in a city, placement of cities, who goes where),
+the old rule is restated here; all else is the library's. No `RailEnv`, timetable or distance map is built.
+"""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import ceil
+from typing import Any, SupportsIndex
+
+import numpy as np
+from flatland.envs.grid.rail_env_grid import RailEnvTransitions
+from flatland.envs.rail_generators import SparseRailGen
+from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
+from flatland.utils.seeding import np_random as flatland_rng
+from numpy.random import RandomState
+from numpy.typing import NDArray
+
+from common.config import Difficulty
+from common.levels.level import Level
+from common.seeding import stream_key
+
+SIDE_CELLS = 25
+MAX_RAILS_BETWEEN_CITIES = 2
+MAX_RAILS_IN_CITY = 3
+CITY_TRIES = 201  # 2.2.2 gave up on a city after so many places
+ROUTE_TRIES = 100  # and on a train after so many pairs of stations
+LEVEL_TRIES = 20
+
+_Cell = tuple[int, int]
+_Station = tuple[_Cell, int]  # the middle of a track, and the number of the track in its city
+
+
+@dataclass(frozen=True)
+class LegacySpec:
+    """What the difficulties differ in (table 5.1)."""
+
+    trains: int
+    cities: int
+
+
+SPECS: dict[Difficulty, LegacySpec] = {
+    "easy": LegacySpec(trains=3, cities=2),
+    "medium": LegacySpec(trains=5, cities=2),
+    "hard": LegacySpec(trains=7, cities=3),
+}
+
+
+class InfeasibleLevelError(RuntimeError):
+    """The generator's draw gave a train no way to a target."""
+
+
+def generate(difficulty: Difficulty, seed: int) -> Level:
+    """The level of `seed`: a pure function, the same in every process.
+
+    Raises:
+        InfeasibleLevelError: none of `LEVEL_TRIES` derived seeds gave a feasible level.
+    """
+    for attempt in range(LEVEL_TRIES):
+        derived = stream_key(int(seed), attempt, "level-retry") if attempt else int(seed)
+        try:
+            return _draw(SPECS[difficulty], flatland_rng(derived)[0])
+        except InfeasibleLevelError:
+            continue
+        finally:
+            _forget_rails()
+    raise InfeasibleLevelError(f"no feasible {difficulty} level for seed {seed} in {LEVEL_TRIES} tries")
+
+
+def max_episode_steps(spec: LegacySpec, cities_placed: int) -> int:
+    """The step limit of 2.2.2, which grows when a city found no place."""
+    return int(8 * (2 * SIDE_CELLS + spec.trains / cities_placed))
+
+
+def _draw(spec: LegacySpec, rng: RandomState) -> Level:
+    with warnings.catch_warnings():  # a line that could not be drawn is no news: unreachable targets are found below
+        warnings.filterwarnings("ignore", category=UserWarning, module=r"flatland\.")
+        rail, optionals = _LegacyRails(spec.cities).generate(SIDE_CELLS, SIDE_CELLS, spec.trains, np_random=rng)
+    hints = optionals["agents_hints"]
+    routes = [_route(rail, hints, rng) for _ in range(spec.trains)]
+    return Level(
+        grid=np.array(rail.grid, dtype=np.uint16),
+        starts=np.array([start for start, _ in routes], dtype=np.int32),
+        targets=np.array([target for _, target in routes], dtype=np.int32),
+        max_steps=max_episode_steps(spec, len(hints["city_positions"])),
+    )
+
+
+def _forget_rails() -> None:
+    """Empty the library's caches, which are keyed on the map and would keep every map ever drawn."""
+    for cached in _MAP_CACHES:
+        cached()
+
+
+_MAP_CACHES: list[Callable[[], None]] = [
+    member.cache_clear
+    for owner in RailGridTransitionMap.__mro__
+    for member in vars(owner).values()
+    if hasattr(member, "cache_clear")
+]
+
+
+def _route(rail: RailGridTransitionMap, hints: dict[str, Any], rng: RandomState) -> tuple[tuple[int, int, int], _Cell]:
+    """The start and target of a train, as 2.2.2's schedule generator drew them.
+
+    Any two cities; from a track of even number to one of odd number; facing either way, turned if that leads nowhere.
+    """
+    stations, orientations = hints["train_stations"], hints["city_orientations"]
+    for _ in range(ROUTE_TRIES):
+        home, away = rng.choice(len(stations), 2, replace=False)
+        start = _station(stations[home], 0, rng)
+        target = _station(stations[away], 1, rng)
+        heading = int(rng.choice([orientations[home], (orientations[home] + 2) % 4]))
+        for facing in (heading, (heading + 2) % 4):
+            if rail.check_path_exists(start, facing, target):
+                return (int(start[0]), int(start[1]), facing), (int(target[0]), int(target[1]))
+    raise InfeasibleLevelError(f"no pair of stations is connected in {ROUTE_TRIES} draws")
+
+
+def _station(stations: list[_Station], parity: int, rng: RandomState) -> _Cell:
+    while True:
+        cell, track = stations[rng.choice(len(stations))]
+        if track % 2 == parity:
+            return cell
+
+
+class _Tracks(int):
+    """A number of tracks; the library's `* 2`, which makes pairs of it, leaves it as it is."""
+
+    def __mul__(self, _other: SupportsIndex) -> int:
+        return int(self)
+
+
+class _TrackDraws:
+    """A generator for `_generate_city_connection_points`, which draws twice a city: its tracks, then its ways out."""
+
+    def __init__(self, rng: RandomState) -> None:
+        self._rng = rng
+        self._draws = 0
+
+    def randint(self, low: int, high: int) -> int:
+        self._draws += 1
+        if self._draws % 2 == 1:
+            return _Tracks(self._rng.randint(2, MAX_RAILS_IN_CITY + 1))
+        return int(self._rng.randint(low, high))
+
+
+class _LegacyRails(SparseRailGen):
+    """4.3.0's sparse rails with 2.2.2's cities: two or three tracks each, placed by rejection."""
+
+    def __init__(self, cities: int) -> None:
+        super().__init__(
+            max_num_cities=cities,
+            grid_mode=False,
+            max_rails_between_cities=MAX_RAILS_BETWEEN_CITIES,
+            max_rail_pairs_in_city=ceil(MAX_RAILS_IN_CITY / 2),
+        )
+
+    def _generate_random_city_positions(
+        self, num_cities: int, city_radius: int, width: int, height: int, np_random: RandomState
+    ) -> list[_Cell]:
+        """4.3.0 samples the free cells exhaustively, which places three cities more often than 2.2.2 did."""
+        margin = city_radius + 1
+        cities: list[_Cell] = []
+        for _ in range(num_cities):
+            for _try in range(CITY_TRIES):
+                row = margin + int(np_random.randint(height - 2 * margin))
+                column = margin + int(np_random.randint(width - 2 * margin))
+                if all(abs(row - r) > 2 * margin or abs(column - c) > 2 * margin for r, c in cities):
+                    cities.append((row, column))
+                    break
+        if len(cities) < 2:  # what the library does next, with a warning
+            return list(self._generate_evenly_distr_city_positions(num_cities, city_radius, width, height))
+        return cities
+
+    def _generate_city_connection_points(  # noqa: PLR0913, PLR0917  (the library's signature)
+        self,
+        city_positions: list[_Cell],
+        city_radius: int,
+        vector_field: NDArray[np.float64],
+        rails_between_cities: int,
+        rail_pairs_in_city: int,
+        np_random: RandomState,
+    ) -> Any:
+        return super()._generate_city_connection_points(
+            city_positions, city_radius, vector_field, rails_between_cities, rail_pairs_in_city, _TrackDraws(np_random)
+        )
+
+    def _fix_transitions(  # noqa: PLR0913, PLR0917  (the library's signature)
+        self,
+        city_cells: set[_Cell],
+        inter_city_lines: list[_Cell],
+        grid_map: RailGridTransitionMap,
+        vector_field: NDArray[np.float64],
+        np_random: RandomState,
+    ) -> None:
+        """As the library's, but the cells to fix are found for the whole grid at once: half of the time of a level."""
+        broken = _broken(grid_map.grid)
+        for cell in [cell for cell in [*city_cells, *inter_city_lines] if broken[cell]]:
+            self.fix_transitions(grid_map, (int(cell[0]), int(cell[1])), int(vector_field[cell]), np_random)
+
+    def _extract_stations_links(self, *_args: Any) -> None:
+        """Nobody asks for the named stations and links, and they take time."""
+
+
+def _broken(grid: NDArray[np.uint16]) -> NDArray[np.bool_]:
+    """[H, W]: not `cell_neighbours_valid(cell, check_this_cell=True)`.
+
+    A cell is broken if it is no piece of rail, leads off the grid or to a cell that cannot be entered so, or is
+    empty although a neighbour leads to it.
+    """
+    height, width = grid.shape
+    bits = (grid[..., None] >> np.arange(15, -1, -1, dtype=np.uint16) & 1).reshape(height, width, 4, 4).astype(bool)
+    leads = bits.any(axis=2)  # [H, W, exit]
+    enters = np.zeros((height + 2, width + 2, 4), dtype=bool)  # [.., heading], with a border that nobody enters
+    enters[1:-1, 1:-1] = bits.any(axis=3)
+    arrives = np.zeros((height + 2, width + 2, 4), dtype=bool)
+    arrives[1:-1, 1:-1] = leads
+    broken: NDArray[np.bool_] = ~np.isin(grid, list(RailEnvTransitions().transitions_all))
+    for heading, (down, right) in enumerate(((-1, 0), (0, 1), (1, 0), (0, -1))):
+        there = (slice(1 + down, 1 + down + height), slice(1 + right, 1 + right + width))
+        broken |= leads[..., heading] & ~enters[(*there, heading)]
+        broken |= (grid == 0) & arrives[(*there, (heading + 2) % 4)]
+    return broken

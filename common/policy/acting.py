@@ -1,0 +1,57 @@
+"""Choosing an action, one observation at a time.
+
+A matrix product may round a row differently with the number of rows beside it. What a train does must not
+depend on what else is in a batch, so each observation goes through the network alone, in a row of torch's own
+memory.
+"""
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from common.policy.networks import QNetwork
+from common.seeding import uniform
+
+
+def draw_counter(step: int, n_trains: int, train: int) -> int:
+    """Where the two draws of `train`'s decision at `step` lie in the episode's stream of exploration.
+
+    Draw `draw_counter` decides whether to explore, the one after it which action. Every (step, train) has its
+    own two, drawn or not: a decision never shifts the draws of another.
+    """
+    return 2 * (step * n_trains + train)
+
+
+class EpsilonGreedy:
+    """Epsilon-greedy choice over the action values of a network; epsilon 0 is the greedy policy."""
+
+    def __init__(self, n_features: int, n_actions: int) -> None:
+        self._n_actions = n_actions
+        self._row = torch.zeros(1, n_features)
+        self._row_array = self._row[0].numpy()  # the same memory
+
+    def act(
+        self, network: QNetwork, observation: NDArray[np.float32], epsilon: float, key: int, counter: int
+    ) -> int:
+        """The action for one observation.
+
+        Args:
+            network: scores the actions.
+            observation: [F].
+            epsilon: the probability of an action drawn uniformly from all.
+            key: of the episode's stream of exploration.
+            counter: of this decision, see `draw_counter`.
+
+        Returns:
+            0..A-1; of equally good actions the lowest.
+        """
+        if uniform(key, counter) < epsilon:
+            return int(uniform(key, counter + 1) * self._n_actions)
+        return int(self.values(network, observation).argmax())  # numpy's takes the first maximum, torch's any
+
+    def values(self, network: QNetwork, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The action values [A] of one observation [F]."""
+        self._row_array[:] = observation
+        with torch.inference_mode():
+            values: NDArray[np.float32] = network(self._row)[0].numpy()
+        return values

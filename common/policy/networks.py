@@ -1,0 +1,134 @@
+"""The Q-network that all trains share, its seeded initialisation, and its parameters as plain arrays.
+
+Hidden layers with ReLU, then either one linear layer of action values or the two dueling heads of Wang et
+al., "Dueling Network Architectures for Deep RL" (2016, arXiv:1511.06581). As there, the heads share the
+hidden layers.
+
+Parameters leave and enter as `dict[str, float32 array]`. They enter by copy into memory that torch allocated:
+the results of torch's kernels can differ in the last bit with the alignment of their inputs, and the memory
+of an array that came off a wire or out of a file lies anywhere.
+"""
+
+import itertools
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from common.config import NetworkConfig
+from common.seeding import stream_key
+
+
+def dueling_values(value: Tensor, advantage: Tensor) -> Tensor:
+    """Action values from a state's value and its actions' advantages: `Q = V + A - mean(A)`.
+
+    Equation 2.19 of the study; equation 9 of Wang et al. 2016. The mean pins down a split that Q alone leaves
+    open.
+
+    Args:
+        value: [B, 1].
+        advantage: [B, A].
+
+    Returns:
+        [B, A].
+    """
+    return value + advantage - advantage.mean(-1, keepdim=True)
+
+
+class QNetwork(nn.Module):
+    """The action values of a batch of observations.
+
+    Parameters in order: `hidden.<i>.weight|bias`, then `q.*`, or `value.*` and `advantage.*` if dueling. They
+    are uninitialised: use `build_network`.
+    """
+
+    def __init__(self, n_features: int, n_actions: int, config: NetworkConfig) -> None:
+        super().__init__()
+        self.n_features = n_features
+        self.n_actions = n_actions
+        self.dueling = config.dueling
+        widths = (n_features, *config.hidden)
+        self.hidden = nn.ModuleList(_linear(n_in, n_out) for n_in, n_out in itertools.pairwise(widths))
+        if config.dueling:
+            self.value = _linear(widths[-1], 1)
+            self.advantage = _linear(widths[-1], n_actions)
+        else:
+            self.q = _linear(widths[-1], n_actions)
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """[B, F] float32 to [B, A] float32."""
+        x = observation
+        for layer in self.hidden:
+            x = torch.relu(layer(x))
+        if self.dueling:
+            return dueling_values(self.value(x), self.advantage(x))
+        q: Tensor = self.q(x)
+        return q
+
+
+def build_network(config: NetworkConfig, n_features: int, n_actions: int, seed: int) -> QNetwork:
+    """A network whose parameters are a function of `seed` alone; torch's global generator is not touched."""
+    network = QNetwork(n_features, n_actions, config)
+    generator = torch.Generator().manual_seed(stream_key(seed, 0, "network"))
+    for module in network.modules():  # in the order of definition
+        if isinstance(module, nn.Linear):
+            _initialise(module, generator)
+    return network
+
+
+def export_parameters(network: nn.Module) -> dict[str, NDArray[np.float32]]:
+    """A copy of every parameter, by name, in the order of definition."""
+    return export_tensors(dict(network.named_parameters()))
+
+
+def import_parameters(network: nn.Module, arrays: Mapping[str, NDArray[np.float32]]) -> None:
+    """Overwrite the parameters of `network` in place.
+
+    Raises:
+        ValueError: naming the first tensor that is missing, unknown, or of another dtype or shape; then
+            nothing has changed.
+    """
+    import_tensors(dict(network.named_parameters()), arrays)
+
+
+def export_tensors(tensors: Mapping[str, Tensor]) -> dict[str, NDArray[np.float32]]:
+    """A copy of each float32 tensor."""
+    return {name: tensor.detach().numpy().copy() for name, tensor in tensors.items()}
+
+
+def import_tensors(tensors: Mapping[str, Tensor], arrays: Mapping[str, NDArray[np.float32]]) -> None:
+    """Overwrite each tensor in place with the array of its name; raises as `import_parameters`."""
+    for name in (*tensors, *arrays):
+        if name not in arrays:
+            raise ValueError(f"tensor {name} is missing: this state is of another network or algorithm")
+        if name not in tensors:
+            raise ValueError(f"tensor {name} is unknown here: this state is of another network or algorithm")
+        want, got = tensors[name], arrays[name]
+        if got.dtype != np.float32:
+            raise ValueError(f"tensor {name} has dtype {got.dtype}, not float32")
+        if got.shape != tuple(want.shape):
+            raise ValueError(f"tensor {name} has shape {got.shape}, not {tuple(want.shape)}")
+    with torch.no_grad():
+        for name, tensor in tensors.items():
+            tensor.copy_(torch.tensor(arrays[name]))
+
+
+def _linear(n_in: int, n_out: int) -> nn.Linear:
+    """A layer with memory but no values: the usual constructor would draw from torch's global generator."""
+    layer: nn.Linear = nn.utils.skip_init(nn.Linear, n_in, n_out)  # type: ignore[no-untyped-call]
+    return layer
+
+
+def _initialise(layer: nn.Linear, generator: torch.Generator) -> None:
+    """Weight, then bias, uniform in +-1/sqrt(n_in).
+
+    PyTorch's own default, there written as Kaiming-uniform (He et al. 2015) with a = sqrt(5): a bound of
+    sqrt(6 / ((1 + a^2) n_in)). It is restated so that another version of torch does not change a run.
+    """
+    bound = 1 / math.sqrt(layer.in_features)
+    with torch.no_grad():
+        layer.weight.uniform_(-bound, bound, generator=generator)
+        layer.bias.uniform_(-bound, bound, generator=generator)

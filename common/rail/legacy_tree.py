@@ -1,0 +1,291 @@
+"""The tree observation of flatland-rl 2.2.2, depth 2, over tables of the level; not built on the library.
+
+Source: `TreeObsForRailEnv` and `ShortestPathPredictorForRailEnv` of flatland-rl 2.2.2. Unlike 4.3.0's, the predicted
+conflicts are live, trains that have arrived are invisible, and speeds are constant (here 1, without malfunctions).
+
+A configuration is a cell and a heading, numbered `cell * 4 + heading`. What the rails alone determine (the stretch of
+track from a configuration to the next switch, the shortest path from it to a target) is computed on first use and
+kept as long as the level; what is left per observation is to look up the trains that are on, or will be on, a stretch.
+"""
+
+from collections.abc import Sequence
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.levels.level import Level
+from common.rail.decisions import STEPS, exits
+from common.rail.normalise import N_NODE_FEATURES, N_NODES
+
+PREDICTED_STEPS = 30
+DEPTH = 2
+SUBTREE_NODES = 5  # a child of the root and its own four children
+NO_MALFUNCTION, FULL_SPEED = 0.0, 1.0
+NORTH_SOUTH_EAST_WEST = 0b1000010000100001  # a diamond crossing, which flatland does not take for a switch
+
+_SWITCH, _DEAD_END, _LOOP = range(3)
+
+
+class _Stretch(NamedTuple):
+    """The cells that a train passes from a configuration until it can choose."""
+
+    configurations: tuple[int, ...]
+    places: dict[int, list[int]]  # cell -> where in `configurations`
+    targets: tuple[tuple[int, int], ...]  # (where, cell) of any train's target
+    unusable: int | None  # where the first switch is that joins and cannot be taken
+    end: int  # _SWITCH, _DEAD_END or _LOOP
+
+
+class _Forecast(NamedTuple):
+    """Where a train will be if nobody hinders it."""
+
+    configurations: tuple[int, ...]  # [PREDICTED_STEPS + 1]
+    cells: frozenset[int]
+
+
+class _Rails:
+    """What the grid says, once per level: successors, stretches and distances."""
+
+    def __init__(self, level: Level) -> None:
+        grid = level.grid
+        self.width = grid.shape[1]
+        ways = exits(grid)
+        self.exits = _exit_lists(ways)
+        self.bits = _transition_bits(grid, ways)
+        self.step = [down * self.width + right for down, right in STEPS]
+        self.targets = [int(row) * self.width + int(column) for row, column in level.targets]
+        self._predecessors: list[list[int]] = [[] for _ in self.exits]
+        for here, headings in enumerate(self.exits):
+            for heading in headings:
+                self._predecessors[self.after(here, heading)].append(here)
+        self._stretches: dict[int, _Stretch] = {}
+
+    def after(self, configuration: int, heading: int) -> int:
+        """The configuration of a train that leaves this one towards `heading`."""
+        return ((configuration >> 2) + self.step[heading]) * 4 + heading
+
+    def distances(self, cell: int) -> list[float]:
+        """Steps from every configuration to `cell`."""
+        distance = [inf] * len(self.exits)
+        frontier = [cell * 4 + heading for heading in range(4) if self.exits[cell * 4 + heading]]
+        steps = 0.0
+        while frontier:
+            reached = []
+            for here in frontier:
+                if distance[here] == inf:
+                    distance[here] = steps
+                    reached += self._predecessors[here]
+            frontier = reached
+            steps += 1
+        return distance
+
+    def stretch(self, start: int) -> _Stretch:
+        """The stretch that begins with `start`."""
+        known = self._stretches.get(start)
+        if known is None:
+            known = self._stretches[start] = self._walk(start)
+        return known
+
+    def _walk(self, start: int) -> _Stretch:
+        passed: list[int] = []
+        unusable: int | None = None
+        here = start
+        while True:
+            looped = here in passed
+            passed.append(here)
+            if looped:
+                end = _LOOP
+                break
+            ways, bits = self.exits[here], self.bits[here >> 2]
+            if unusable is None and bits > 2 > len(ways):
+                unusable = len(passed) - 1
+            if len(ways) != 1 or bits == 1:
+                end = _DEAD_END if len(ways) == 1 else _SWITCH if ways else _LOOP
+                break
+            here = self.after(here, ways[0])
+        places: dict[int, list[int]] = {}
+        for at, configuration in enumerate(passed):
+            places.setdefault(configuration >> 2, []).append(at)
+        targets = tuple((at, c >> 2) for at, c in enumerate(passed) if c >> 2 in self.targets)
+        return _Stretch(tuple(passed), places, targets, unusable, end)
+
+
+class LegacyTree:
+    """Trees of the trains of one level; `update` says where the trains are, `tree` looks from one of them."""
+
+    def __init__(self, level: Level) -> None:
+        self._rails = _Rails(level)
+        self._distances = [self._rails.distances(cell) for cell in self._rails.targets]
+        self._forecasts: list[dict[int, _Forecast]] = [{} for _ in self._rails.targets]
+        self._now: list[int | None] = [None] * level.n_trains
+        self._running: dict[int, int] = {}  # cell -> heading of the train on it
+        self._waiting: dict[int, int] = {}  # cell -> trains that wait to depart from it
+        self._paths: list[_Forecast | None] = []
+
+    def update(self, configurations: Sequence[int | None], on_map: Sequence[bool]) -> None:
+        """Take the trains' places: where they are or will depart from, None for those that have arrived."""
+        self._now = list(configurations)
+        self._running.clear()
+        self._waiting.clear()
+        for here, running in zip(configurations, on_map, strict=True):
+            if here is not None and running:
+                self._running[here >> 2] = here & 3
+            elif here is not None:
+                self._waiting[here >> 2] = self._waiting.get(here >> 2, 0) + 1
+        self._paths = [
+            None if here is None else self._forecast(train, here) for train, here in enumerate(configurations)
+        ]
+
+    def tree(self, train: int) -> NDArray[np.float32]:
+        """[21, 12]: the raw features that `train` sees, NaN where there is no node."""
+        here = self._now[train]
+        if here is None:
+            raise ValueError(f"train {train} has arrived: it sees nothing")
+        nodes = np.full((N_NODES, N_NODE_FEATURES), np.nan, dtype=np.float32)
+        distance = self._distances[train][here]
+        nodes[0] = (0, 0, 0, 0, 0, 0, distance, 0, 0, NO_MALFUNCTION, FULL_SPEED, 0)
+        ways = self._rails.exits[here]
+        facing = ways[0] if len(ways) == 1 else here & 3
+        for heading in ways:
+            node = 1 + (heading - facing + 1) % 4 * SUBTREE_NODES
+            self._branch(nodes, node, train, self._rails.after(here, heading), steps=1, depth=1)
+        return nodes
+
+    def _branch(  # noqa: PLR0913
+        self, nodes: NDArray[np.float32], node: int, train: int, start: int, *, steps: int, depth: int
+    ) -> None:
+        """Write the node of the stretch from `start`, which is `steps` away, and the nodes below it."""
+        stretch = self._rails.stretch(start)
+        own, other, length = self._targets(stretch, train)
+        last = stretch.configurations[length - 1]
+        end_steps = steps + length - 1
+        arrives = own is not None
+        near, same, opposite, ready = self._trains(stretch, length)
+        conflict = self._conflict(stretch, length, train, steps)
+        unusable = stretch.unusable  # flatland does not look for one on the own target
+        if unusable is not None and unusable >= length - arrives:
+            unusable = None
+        nodes[node] = (
+            inf if own is None else steps + own,
+            inf if other is None else steps + other,
+            inf if near is None else steps + near,
+            conflict,
+            inf if unusable is None else steps + unusable,
+            inf if stretch.end == _LOOP and not arrives else end_steps,
+            0 if arrives else self._distances[train][last],
+            same,
+            opposite,
+            NO_MALFUNCTION,
+            FULL_SPEED,
+            ready,
+        )
+        if depth == DEPTH or arrives or stretch.end == _LOOP:
+            return
+        facing = (last & 3) + (2 if stretch.end == _DEAD_END else 0)  # a dead end is left backwards, as "forward"
+        for heading in self._rails.exits[last]:
+            below = node + 1 + (heading - facing + 1) % 4
+            self._branch(
+                nodes, below, train, self._rails.after(last, heading), steps=end_steps + 1, depth=depth + 1
+            )
+
+    def _targets(self, stretch: _Stretch, train: int) -> tuple[int | None, int | None, int]:
+        """Where the own and the first other target are, and how many cells count: a train goes no further than its own."""
+        other = None
+        for at, cell in stretch.targets:
+            if cell == self._rails.targets[train]:
+                return at, other, at + 1
+            if other is None:
+                other = at
+        return None, other, len(stretch.configurations)
+
+    def _trains(self, stretch: _Stretch, length: int) -> tuple[int | None, int, int, int]:
+        """Of the trains on the stretch: where the first is, how many run with us, against us, and wait below one."""
+        nearest: int | None = None
+        same = opposite = ready = 0
+        for cell, heading in self._running.items():
+            for at in stretch.places.get(cell, ()):
+                if at < length:
+                    nearest = at if nearest is None else min(nearest, at)
+                    ready += self._waiting.get(cell, 0)
+                    if stretch.configurations[at] & 3 == heading:
+                        same += 1
+                    else:
+                        opposite += 1
+        return nearest, same, opposite, ready
+
+    def _conflict(self, stretch: _Stretch, length: int, train: int, steps: int) -> float:
+        """Steps to the first cell where another train is predicted about when this one comes, facing a way out of it.
+
+        As in flatland, this train's own predicted heading counts as well where another train's path meets it.
+        """
+        own = self._paths[train]
+        nearest = inf
+        for other, path in enumerate(self._paths):
+            if path is None or other == train or path.cells.isdisjoint(stretch.places):
+                continue
+            for at in range(min(length, PREDICTED_STEPS + 1 - steps)):
+                if steps + at >= nearest:
+                    break
+                here = stretch.configurations[at]
+                if here >> 2 in path.cells and self._meets(here, steps + at, path, own):
+                    nearest = steps + at
+                    break
+        return nearest
+
+    def _meets(self, here: int, time: int, path: _Forecast, own: _Forecast | None) -> bool:
+        for moment in (time, time - 1, min(PREDICTED_STEPS, time + 1)):
+            if path.configurations[moment] >> 2 != here >> 2:
+                continue
+            for who in (path, own):
+                there = who.configurations[moment] if who is not None else -1
+                if there >> 2 == here >> 2 and there != here and (there + 2) & 3 in self._rails.exits[here]:
+                    return True
+        return False
+
+    def _forecast(self, train: int, start: int) -> _Forecast:
+        known = self._forecasts[train].get(start)
+        if known is None:
+            path = self._shortest_path(train, start)
+            known = self._forecasts[train][start] = _Forecast(path, frozenset(c >> 2 for c in path))
+        return known
+
+    def _shortest_path(self, train: int, start: int) -> tuple[int, ...]:
+        """[PREDICTED_STEPS + 1]: the way to the target; left before forward before right; it stays where it ends.
+
+        As in flatland, the last step of a path that does not reach its target in time is not taken, and a train
+        without a way stays where it is.
+        """
+        distances, rails = self._distances[train], self._rails
+        path = [start]
+        here, nearest = start, inf
+        while here >> 2 != rails.targets[train] and len(path) < PREDICTED_STEPS:
+            ways, facing = rails.exits[here], here & 3
+            ahead = [rails.after(here, way) for way in sorted(ways, key=lambda way: (way - facing + 1) % 4)]
+            if len(ways) > 1:
+                ahead = [step for step in ahead if step & 3 != (facing + 2) % 4]
+            here = min(ahead, key=distances.__getitem__, default=here)
+            if not ahead or distances[here] >= nearest:
+                path = [start]
+                break
+            nearest = distances[here]
+            path.append(here)
+        return tuple(path + [path[-1]] * (PREDICTED_STEPS + 1 - len(path)))
+
+
+def _exit_lists(ways: NDArray[np.bool_]) -> list[tuple[int, ...]]:
+    """[H * W * 4]: the headings by which each configuration can be left."""
+    flat = ways.reshape(-1, 4)
+    lists: list[tuple[int, ...]] = [()] * len(flat)
+    for configuration in np.flatnonzero(flat.any(axis=1)).tolist():
+        lists[configuration] = tuple(np.flatnonzero(flat[configuration]).tolist())
+    return lists
+
+
+def _transition_bits(grid: NDArray[np.uint16], ways: NDArray[np.bool_]) -> list[int]:
+    """[H * W]: how many transitions each cell has; two for a diamond crossing."""
+    bits = ways.sum(axis=(2, 3))
+    bits[grid == NORTH_SOUTH_EAST_WEST] = 2
+    counts: list[int] = bits.reshape(-1).tolist()
+    return counts

@@ -1,0 +1,109 @@
+"""What `railctl status` shows, put together from the supervisor's wards and the last heartbeats. Pure."""
+
+import os
+from collections.abc import Mapping
+from typing import Literal
+
+from common.config import DIFFICULTIES, RunConfig
+from common.process import RunFolder
+from common.records import Heartbeat, ProcessStatus, Progress, Status
+from deploy.supervisor import Supervisor
+
+Beats = Mapping[str, tuple[Heartbeat, float]]  # process -> last heartbeat, unix time of its arrival
+RunState = Literal["starting", "running", "paused", "finishing", "finished", "stopping", "stopped", "failed"]
+
+
+def run_is_complete(config: RunConfig, beats: Beats) -> bool:
+    """Whether every episode is trained and every checkpoint evaluated."""
+    progress = progress_of(config, beats)
+    return progress is not None and progress.done == config.episodes and progress.evaluations >= progress.evaluations_due
+
+
+def progress_of(config: RunConfig, beats: Beats) -> Progress | None:
+    """How far the run is; none before the learner's first word."""
+    if "learner" not in beats or "done" not in beats["learner"][0].counters:
+        return None
+    counters = beats["learner"][0].counters
+    evaluations = beats["evaluator"][0].counters.get("evaluations", 0.0) if "evaluator" in beats else 0.0
+    return Progress(
+        done=int(counters["done"]),
+        leased=int(counters["leased"]),
+        waiting={level: int(counters[f"waiting.{level}"]) for level in DIFFICULTIES if f"waiting.{level}" in counters},
+        weights_version=int(counters["done"]),
+        snapshot=int(counters["snapshot"]),
+        evaluations=int(evaluations),
+        evaluations_due=int(counters["checkpoints"]) * len(config.mix),
+        return_last_100=counters.get("return_last_100"),
+        episodes_per_s=counters["episodes_per_s"],
+        steps_per_s=counters["steps_per_s"],
+        refused=int(counters["refused"]),
+        duplicates=int(counters["duplicates"]),
+        reissued=int(counters["reissued"]),
+    )
+
+
+def overview(
+    folder: RunFolder, config: RunConfig, mind: Supervisor, pids: Mapping[str, int], beats: Beats
+) -> Status:
+    """The state of a run and of all its processes."""
+    progress = progress_of(config, beats)
+    left = None
+    if progress is not None and progress.episodes_per_s > 0:
+        left = (config.episodes - progress.done) / progress.episodes_per_s
+    return Status(
+        run=folder.path.name,
+        path=str(folder.path),
+        state=_state(config, mind, progress, beats),
+        algorithm=config.algorithm,
+        episodes=config.episodes,
+        supervisor_pid=os.getpid(),
+        progress=progress,
+        time_left_s=left,
+        problems=[text[:4000] for text in [*mind.problems[-90:], *_concerns(mind, progress, beats)]],
+        processes=_processes(mind, pids, beats),
+    )
+
+
+def _state(config: RunConfig, mind: Supervisor, progress: Progress | None, beats: Beats) -> RunState:
+    if mind.stopping is not None:
+        return "stopping"
+    if progress is None:
+        return "starting"
+    if progress.done == config.episodes:
+        return "finishing"
+    return "paused" if beats["learner"][0].state == "paused" else "running"
+
+
+def _concerns(mind: Supervisor, progress: Progress | None, beats: Beats) -> list[str]:
+    concerns = []
+    served = {ward.spec.serves for ward in mind.wards.values() if ward.spec.role == "actor"}
+    for level, count in (progress.waiting if progress else {}).items():
+        if count and level not in served and "any" not in served:
+            concerns.append(f"{count} {level} episodes wait and no actor serves {level}: railctl scale RUN {level}=1")
+    exact_until = beats["learner"][0].counters.get("exact_until") if "learner" in beats else None
+    if exact_until is not None:
+        concerns.append(
+            f"resumed at episode {exact_until:.0f} on another processor or torch: exactness ends there"
+        )
+    return concerns
+
+
+def _processes(mind: Supervisor, pids: Mapping[str, int], beats: Beats) -> list[ProcessStatus]:
+    statuses = []
+    for name, ward in mind.wards.items():
+        beat = beats.get(name)
+        state: str = ward.state
+        if state == "running" and beat is not None:
+            state = beat[0].state
+        statuses.append(
+            ProcessStatus(
+                process=name,
+                role=ward.spec.role,
+                difficulty=ward.spec.serves,  # type: ignore[arg-type]  # plans only hold difficulties
+                pid=pids.get(name),
+                state="waiting to restart" if state == "waiting" and ward.restarts else state,
+                restarts=ward.restarts,
+                last_heartbeat_unix_s=None if beat is None else round(beat[1], 3),
+            )
+        )
+    return statuses

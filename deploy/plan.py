@@ -1,0 +1,55 @@
+"""The plan of a cluster: which processes, started how. Pure."""
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from common.records import Role
+
+# One thread a process for numerics, and bits that do not depend on memory alignment.
+ENVIRONMENT = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "MKL_CBWR": "AUTO,STRICT",
+    "PYTHONUNBUFFERED": "1",
+}
+
+
+@dataclass(frozen=True)
+class ProcessSpec:
+    """A process of the cluster and the command that starts it."""
+
+    name: str
+    role: Role
+    serves: Serves | None = None  # actors: their difficulty, or any
+
+    def command(self, run: Path) -> list[str]:
+        command = [sys.executable, "-m", f"services.{self.role}", "--run", str(run)]
+        if self.serves is not None:
+            command += ["--name", self.name, "--serves", self.serves]
+        return command
+
+
+def actors(counts: Mapping[str, int]) -> list[ProcessSpec]:
+    """The actors for these counts; scaling keeps the names of those that stay.
+
+    >>> [spec.name for spec in actors({"easy": 2})]
+    ['actor-easy-0', 'actor-easy-1']
+    """
+    return [
+        ProcessSpec(f"actor-{serves}-{index}", "actor", serves)
+        for serves, count in counts.items()
+        for index in range(count)
+    ]
+
+
+def cluster(counts: Mapping[str, int]) -> list[ProcessSpec]:
+    """Every process of a run, but its supervisor."""
+    return [
+        ProcessSpec("router", "router"),
+        ProcessSpec("learner", "learner"),
+        ProcessSpec("evaluator", "evaluator"),
+        *actors(counts),
+    ]

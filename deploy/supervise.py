@@ -1,0 +1,216 @@
+"""python -m deploy.supervise --run FOLDER: runs what `deploy.supervisor` decides, and answers `status`, `scale`, `stop`.
+
+Processes outlive their supervisor: a new one adopts those that hold their locks and starts what is missing.
+"""
+
+import argparse
+import json
+import logging
+import os
+import queue
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+
+from common.bus import Bus, NoAnswer, Question, open_bus
+from common.process import RunFolder, Stopping, holder, living, run_service, sole, write_atomically
+from common.records import CommandAnswer, Empty, Heartbeat, ScaleRequest, Status
+from common.wire import keys
+from deploy.overview import overview, run_is_complete
+from deploy.plan import ENVIRONMENT, ProcessSpec, actors, cluster
+from deploy.supervisor import (
+    Adopted,
+    Beat,
+    Event,
+    Exited,
+    Kill,
+    Launch,
+    Limits,
+    Quit,
+    StopAsked,
+    Supervisor,
+    Terminate,
+    Tick,
+    Wanted,
+)
+
+log = logging.getLogger(__name__)
+
+TICK_S = 0.1
+CONNECT_STRETCH_S = 0.3
+LAST_WORDS_CHARACTERS = 300
+
+
+class Runner:
+    """Carries out the orders for one run on this machine."""
+
+    def __init__(self, folder: RunFolder) -> None:
+        self._folder = folder
+        self._config = folder.config()
+        self._cluster = json.loads(folder.cluster_file.read_text())
+        limits = self._config.cluster
+        self._mind = Supervisor(
+            cluster(self._cluster["actors"]),
+            Limits(limits.hang_timeout_s, limits.max_restarts, limits.restart_window_s),
+        )
+        self._children: dict[str, subprocess.Popen[bytes]] = {}
+        self._pids: dict[str, int] = {}
+        self._beats: dict[str, tuple[Heartbeat, float]] = {}
+        self._inbox: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._bus: Bus | None = None
+        self._quit: Quit | None = None
+
+    def run(self, stopping: Stopping) -> Quit:
+        """Supervise until the run is finished, stopped or failed."""
+        with ExitStack() as stack:
+            for name, pid in living(self._folder).items():
+                if name != "supervisor":
+                    log.info("takes over %s, process %d", name, pid)
+                    self._pids[name] = pid
+                    self._tell(Adopted(name))
+            while self._quit is None:
+                if stopping.asked:
+                    stopping.asked = False
+                    self._tell(StopAsked("stopped"))
+                self._connect(stack)
+                self._take_messages()
+                self._look_for_exits()
+                if run_is_complete(self._config, self._beats):
+                    self._tell(StopAsked("finished"))
+                self._tell(Tick(connected=self._bus is not None and self._bus.connected()))
+            return self._quit
+
+    def _connect(self, stack: ExitStack) -> None:
+        if self._bus is not None or "router" not in self._pids:
+            return
+        try:
+            bus = stack.enter_context(
+                open_bus(self._cluster["endpoint"], self._cluster["namespace"], CONNECT_STRETCH_S)
+            )
+        except NoAnswer:
+            return
+        bus.subscribe(keys.HEARTBEATS, lambda beat: self._inbox.put(partial(self._on_beat, beat)))
+        # A token that goes only ends the wait in `_take_messages`: the look for exits follows at once.
+        bus.watch_alive(keys.ALL_ALIVE, lambda _alive, _there: self._inbox.put(lambda: None))
+        bus.serve(keys.STATUS, lambda question: self._inbox.put(partial(self._on_status, question)))
+        bus.serve(keys.SCALE, lambda question: self._inbox.put(partial(self._on_scale, question)))
+        bus.serve(keys.STOP, lambda question: self._inbox.put(partial(self._on_stop, question)))
+        self._bus = bus
+
+    def _take_messages(self) -> None:
+        try:
+            self._inbox.get(timeout=TICK_S)()
+            while True:
+                self._inbox.get_nowait()()
+        except queue.Empty:
+            pass
+
+    def _look_for_exits(self) -> None:
+        for name in list(self._pids):
+            child = self._children.get(name)
+            if child is not None:
+                code, gone = child.poll(), child.poll() is not None
+            else:
+                code, gone = None, holder(self._folder, name) is None
+            if gone:
+                self._children.pop(name, None)
+                del self._pids[name]
+                self._tell(Exited(name, code, last_words(self._folder, name)))
+
+    def _on_beat(self, beat: Heartbeat) -> None:
+        self._beats[beat.process] = (beat, time.time())
+        self._tell(Beat(beat.process))
+
+    def _on_status(self, question: Question[Empty, Status]) -> None:
+        question.answer(self.status())
+
+    def _on_scale(self, question: Question[ScaleRequest, CommandAnswer]) -> None:
+        wrong = [name for name in question.request.actors if name != "any" and name not in self._config.mix]
+        if wrong:
+            text = f"this run has no difficulty {wrong[0]}: it has {', '.join(self._config.mix)}"
+            question.answer(CommandAnswer(done=False, text=text))
+            return
+        self._cluster["actors"] |= question.request.actors
+        write_atomically(self._folder.cluster_file, json.dumps(self._cluster, indent=2))
+        self._tell(Wanted(tuple(actors(self._cluster["actors"]))))
+        counts = " ".join(f"{name}={count}" for name, count in self._cluster["actors"].items())
+        question.answer(CommandAnswer(done=True, text=f"actors are now {counts}"))
+
+    def _on_stop(self, question: Question[Empty, CommandAnswer]) -> None:
+        again = self._mind.stopping is not None
+        self._tell(StopAsked("stopped"))
+        question.answer(CommandAnswer(done=True, text="ends at once" if again else "stops"))
+
+    def status(self) -> Status:
+        """The run and its processes as of now."""
+        return overview(self._folder, self._config, self._mind, self._pids, self._beats)
+
+    def _tell(self, event: Event) -> None:
+        for order in self._mind.on(event, time.monotonic()):
+            match order:
+                case Launch():
+                    self._launch(order.spec)
+                case Terminate():
+                    self._signal(order.process, signal.SIGTERM)
+                case Kill():
+                    self._signal(order.process, signal.SIGKILL)
+                case Quit():
+                    self._quit = order
+
+    def _launch(self, spec: ProcessSpec) -> None:
+        with (self._folder.logs / f"{spec.name}.log").open("ab") as output:
+            child = subprocess.Popen(
+                spec.command(self._folder.path),
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=os.environ | ENVIRONMENT,
+                start_new_session=True,
+            )
+        log.info("started %s as process %d", spec.name, child.pid)
+        self._children[spec.name] = child
+        self._pids[spec.name] = child.pid
+
+    def _signal(self, process: str, number: signal.Signals) -> None:
+        pid = self._pids.get(process)
+        if pid is not None:
+            log.info("sends %s to %s, process %d", number.name, process, pid)
+            try:
+                os.kill(pid, number)
+            except ProcessLookupError:
+                log.info("%s is gone already", process)
+
+
+def last_words(folder: RunFolder, name: str) -> str:
+    """The last error in a process's log, or its last line, short."""
+    try:
+        lines = (folder.logs / f"{name}.log").read_text(errors="replace").splitlines()[-50:]
+    except OSError:
+        return ""
+    errors = [line.split(": ", 1)[1] for line in lines if " ERROR " in line and ": " in line]
+    words = (errors or lines or [""])[-1]
+    return words[:LAST_WORDS_CHARACTERS]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="The supervisor of a run.")
+    parser.add_argument("--run", type=Path, required=True, help="the run's folder")
+    folder = RunFolder(parser.parse_args().run)
+    stopping = Stopping()
+    with sole(folder, "supervisor"):
+        runner = Runner(folder)
+        cores = sorted(os.sched_getaffinity(0))[: folder.config().cluster.cores]
+        os.sched_setaffinity(0, cores)
+        log.info("supervises %s on cores %s", folder.path.name, cores)
+        end = runner.run(stopping)
+        log.info("run %s: %s", end.outcome, end.reason)
+        outcome = {"outcome": end.outcome, "reason": end.reason}
+        write_atomically(folder.outcome_file, json.dumps(outcome))
+
+
+if __name__ == "__main__":
+    run_service(main)

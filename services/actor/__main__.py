@@ -1,0 +1,24 @@
+"""python -m services.actor --run FOLDER --name NAME --serves DIFFICULTY."""
+
+import argparse
+from pathlib import Path
+
+from common.config import DIFFICULTIES
+from common.policy.determinism import deterministic_torch
+from common.process import RunFolder, run_service, take_place
+from services.actor.service import Actor
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="An actor of a run.")
+    parser.add_argument("--run", type=Path, required=True, help="the run's folder")
+    parser.add_argument("--name", required=True, help="this actor's name, unique in the run")
+    parser.add_argument("--serves", required=True, choices=[*DIFFICULTIES, "any"], help="the difficulty it acts")
+    arguments = parser.parse_args()
+    deterministic_torch()
+    with take_place(RunFolder(arguments.run), arguments.name, "actor") as place:
+        Actor(place, arguments.serves).run()
+
+
+if __name__ == "__main__":
+    run_service(main)

@@ -1,0 +1,173 @@
+"""An actor's loop: ask for a lease, act the episode, publish it, keep it until the learner has it in a snapshot."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+from torch import nn
+
+from common.bus import NoAnswer
+from common.levels.legacy import TRAINS, generate
+from common.policy.acting import EpsilonGreedy
+from common.policy.networks import build_network, import_parameters
+from common.process import Place
+from common.rail.flatland_world import FlatlandWorld
+from common.rail.normalise import N_FEATURES
+from common.rail.play import Recording, play
+from common.rail.world import N_ACTIONS
+from common.records import Episode, Lease, LeaseAnswer, LeaseRequest, Weights, WeightsRequest
+from common.seeding import stream_key
+from common.wire import keys
+
+log = logging.getLogger(__name__)
+
+ASK_TIMEOUT_S = 10.0
+PUSH_PATIENCE_S = 0.2  # pushed weights are usually here before the lease that names them
+RETRY_S = 0.2
+
+
+class Stopped(Exception):  # noqa: N818  (not an error)
+    """The actor was told to stop in the middle of an episode."""
+
+
+class Shelf:
+    """The newest pushed weights, by version."""
+
+    def __init__(self, kept: int) -> None:
+        self._kept = kept
+        self._weights: dict[int, Weights] = {}
+        self._changed = threading.Condition()
+
+    def put(self, weights: Weights) -> None:
+        """Take weights in, on any thread."""
+        with self._changed:
+            self._weights[weights.version] = weights
+            for old in sorted(self._weights)[: -self._kept]:
+                del self._weights[old]
+            self._changed.notify_all()
+
+    def get(self, version: int, patience_s: float) -> Weights | None:
+        """The weights of a version, waiting for them a moment."""
+        with self._changed:
+            self._changed.wait_for(lambda: version in self._weights, patience_s)
+            return self._weights.get(version)
+
+
+class Actor:
+    """One actor. Everything an episode depends on comes with its lease."""
+
+    def __init__(self, place: Place, serves: str) -> None:
+        self._place = place
+        self._serves = serves
+        self._kept: dict[int, Episode] = {}
+        self._shelf = Shelf(place.config.lag + 2)
+        self._world = FlatlandWorld(slots=1, max_trains=max(TRAINS[level] for level in place.config.mix))
+        self._network = build_network(place.config.network, N_FEATURES, N_ACTIONS, place.config.seed)
+        self._loaded: int | None = None
+        self._acted = 0
+
+    def run(self) -> None:
+        """Serve until told to stop."""
+        self._place.bus.subscribe(keys.WEIGHTS, self._shelf.put)
+        while not self._place.stopping.asked:
+            self._beat("waiting for work")
+            answer = self._ask()
+            if answer is None:
+                self._place.stopping.wait(RETRY_S)
+                continue
+            self._settle(answer)
+            if answer.lease is not None:
+                try:
+                    self._serve(answer.lease)
+                except Stopped:
+                    log.info("gave up episode %d: told to stop", answer.lease.episode)
+
+    def _ask(self) -> LeaseAnswer | None:
+        request = LeaseRequest(
+            actor=self._place.name,
+            incarnation=self._place.incarnation,
+            serves=self._serves,
+            kept=sorted(self._kept),
+        )
+        try:
+            return self._place.bus.ask(keys.LEASE, request, ASK_TIMEOUT_S, lambda: self._place.stopping.asked)
+        except NoAnswer as reason:
+            log.debug("no lease: %s", reason)
+            return None
+
+    def _settle(self, answer: LeaseAnswer) -> None:
+        for episode in [e for e in self._kept if e < answer.safe_before]:
+            del self._kept[episode]
+        for episode in answer.missing:
+            log.info("publishes episode %d again: the learner misses it", episode)
+            self._place.bus.publish(keys.EPISODES, self._kept[episode])
+
+    def _serve(self, lease: Lease) -> None:
+        network = self._network_of(lease.weights_version)
+        if network is None:
+            return  # the next question for work gives the lease back
+        self._beat(f"acting episode {lease.episode}", now=True)
+        episode = self._act(lease, network)
+        self._kept[lease.episode] = episode
+        self._acted += 1
+        self._place.bus.publish(keys.EPISODES, episode)
+
+    def _network_of(self, version: int) -> nn.Module | None:
+        if self._loaded != version:
+            weights = self._shelf.get(version, PUSH_PATIENCE_S) or self._pull(version)
+            if weights is None:
+                return None
+            import_parameters(self._network, weights.tensors)
+            self._loaded = version
+        return self._network
+
+    def _pull(self, version: int) -> Weights | None:
+        try:
+            return self._place.bus.ask(keys.PULL_WEIGHTS, WeightsRequest(version=version), ASK_TIMEOUT_S)
+        except NoAnswer as reason:
+            log.warning("no weights %d: %s", version, reason)
+            return None
+
+    def _act(self, lease: Lease, network: nn.Module) -> Episode:
+        begin = time.perf_counter()
+        level = generate(lease.level, lease.level_seed)
+        policy = EpsilonGreedy(
+            network, lease.epsilon, stream_key(self._place.config.seed, lease.episode, "explore"), level.n_trains
+        )
+        [recording] = play(self._world, [level], [policy.act], self._stepping(lease.episode))
+        return _episode(lease, recording, self._place.name, time.perf_counter() - begin)
+
+    def _stepping(self, episode: int) -> Callable[[], None]:
+        def on_step() -> None:
+            if self._place.stopping.asked:
+                raise Stopped
+            self._beat(f"acting episode {episode}")
+
+        return on_step
+
+    def _beat(self, state: str, *, now: bool = False) -> None:
+        self._place.heart.beat(
+            state, lambda: {"acted": float(self._acted), "kept": float(len(self._kept))}, now=now
+        )
+
+
+def _episode(lease: Lease, recording: Recording, actor: str, acting_s: float) -> Episode:
+    return Episode(
+        episode=lease.episode,
+        level=lease.level,
+        level_seed=lease.level_seed,
+        level_hash=recording.level.content_hash,
+        weights_version=lease.weights_version,
+        actor=actor,
+        acting_s=acting_s,
+        max_steps=recording.level.max_steps,
+        observations=np.array(recording.observations, np.float32).reshape(-1, recording.n_features),
+        times=np.array(recording.times, np.int32),
+        trains=np.array(recording.trains, np.int32),
+        actions=np.array(recording.actions, np.int8),
+        rewards=np.array(recording.rewards, np.float32),
+        arrived_at=recording.arrived_at,
+        final_observations=recording.final_observations,
+    )

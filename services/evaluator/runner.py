@@ -1,0 +1,63 @@
+"""Scoring a policy: greedy play on the fixed evaluation levels of a difficulty."""
+
+import time
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+from torch import nn
+
+from common.config import Difficulty
+from common.levels.legacy import TRAINS, generate
+from common.levels.level import Level
+from common.policy.acting import EpsilonGreedy
+from common.rail.flatland_world import FlatlandWorld
+from common.rail.play import play
+from common.records import EvaluationRow
+from common.seeding import evaluation_level_seed
+
+MAX_TRAINS = max(TRAINS.values())
+GREEDY = 0.0
+
+
+@cache
+def evaluation_level(difficulty: Difficulty, index: int) -> Level:
+    """Evaluation level `index` of a difficulty: the same for every run."""
+    return generate(difficulty, evaluation_level_seed(index))
+
+
+def evaluate(
+    network: nn.Module,
+    difficulty: Difficulty,
+    levels: int,
+    episode: int,
+    weights_digest: str,
+    on_step: Callable[[], None],
+) -> EvaluationRow:
+    """Play the first `levels` evaluation levels greedily and sum up.
+
+    `on_step` is called before every step and every level; what it raises ends the evaluation.
+    """
+    begin = time.perf_counter()
+    world = FlatlandWorld(slots=1, max_trains=MAX_TRAINS)
+    returns, arrived, steps = [], [], []
+    for index in range(levels):
+        on_step()
+        level = evaluation_level(difficulty, index)
+        policy = EpsilonGreedy(network, GREEDY, key=0, n_trains=level.n_trains)
+        [recording] = play(world, [level], [policy.act], on_step)
+        returns.append(recording.normalised_return)
+        arrived.append(recording.arrived_at >= 0)
+        steps.append(recording.steps)
+    return EvaluationRow(
+        episode=episode,
+        level=difficulty,
+        levels=levels,
+        normalised_return=float(np.mean(returns)),
+        arrived_share=float(np.mean([share.mean() for share in arrived])),
+        all_arrived_share=float(np.mean([share.all() for share in arrived])),
+        mean_steps=float(np.mean(steps)),
+        weights_digest=weights_digest,
+        evaluated_unix_s=round(time.time(), 3),
+        evaluating_s=round(time.perf_counter() - begin, 3),
+    )

@@ -1,0 +1,110 @@
+"""The evaluator's loop: follow the checkpoints, score each once, publish rows with history."""
+
+import logging
+import threading
+
+from common import checkpoint
+from common.bus import NoAnswer, Question
+from common.checkpoint import CheckpointError
+from common.policy.networks import build_network, import_parameters
+from common.process import Fatal, Place
+from common.rail.normalise import N_FEATURES
+from common.rail.world import N_ACTIONS
+from common.records import (
+    CheckpointFile,
+    CheckpointNotice,
+    CheckpointRequest,
+    Empty,
+    EvaluationRow,
+    EvaluationRows,
+    HistoryRequest,
+)
+from common.rows import DamagedRows, RowFile
+from common.wire import keys
+from services.evaluator.runner import evaluate
+
+log = logging.getLogger(__name__)
+
+ASK_TIMEOUT_S = 10.0
+LOOK_S = 0.2
+ASK_EVERY_S = 5.0  # announcements can get lost; asking cannot
+HISTORY_CHUNK = 1000
+
+
+class Stopped(Exception):  # noqa: N818  (not an error)
+    """The evaluator was told to stop in the middle of an evaluation."""
+
+
+class Evaluator:
+    """The evaluator of a run. Its row file says what is done, so it can be killed at any time."""
+
+    def __init__(self, place: Place) -> None:
+        self._place = place
+        self._config = place.config
+        try:
+            self._file = RowFile(place.folder.evaluations_file, EvaluationRow)
+        except DamagedRows as error:
+            raise Fatal(str(error)) from None
+        self._done = {(row.episode, row.level) for row in self._file.rows}
+        self._announced = threading.Event()
+
+    def run(self) -> None:
+        """Serve until told to stop."""
+        self._place.bus.subscribe(keys.CHECKPOINTS, lambda _notice: self._announced.set())
+        self._place.bus.serve(keys.EVALUATION_HISTORY, self._on_history)
+        waited_s = ASK_EVERY_S
+        while not self._place.stopping.asked:
+            self._beat("waiting for checkpoints")
+            if self._announced.is_set() or waited_s >= ASK_EVERY_S:
+                self._announced.clear()
+                waited_s = 0.0
+                self._evaluate_new()
+            self._place.stopping.wait(LOOK_S)
+            waited_s += LOOK_S
+
+    def _on_history(self, question: Question[HistoryRequest, EvaluationRows]) -> None:
+        first, rows = question.request.first, self._file.rows
+        question.answer(EvaluationRows(rows=rows[first : first + HISTORY_CHUNK], total=len(rows)))
+
+    def _evaluate_new(self) -> None:
+        try:
+            notice: CheckpointNotice = self._place.bus.ask(keys.LIST_CHECKPOINTS, Empty(), ASK_TIMEOUT_S, self._stops)
+            for episode in notice.episodes:
+                if not all((episode, level) in self._done for level in self._config.mix):
+                    self._evaluate(episode)
+        except NoAnswer as reason:
+            log.debug("no checkpoints: %s", reason)
+        except Stopped:
+            log.info("told to stop in the middle of an evaluation")
+
+    def _evaluate(self, episode: int) -> None:
+        pulled: CheckpointFile = self._place.bus.ask(
+            keys.PULL_CHECKPOINT, CheckpointRequest(episode=episode), ASK_TIMEOUT_S, self._stops
+        )
+        try:
+            tensors, metadata = checkpoint.from_bytes(pulled.content, "checkpoint", f"checkpoint {episode}")
+        except CheckpointError as error:
+            raise Fatal(str(error)) from None
+        network = build_network(self._config.network, N_FEATURES, N_ACTIONS, self._config.seed)
+        import_parameters(network, tensors)
+        for level in self._config.mix:
+            if (episode, level) not in self._done:
+                row = evaluate(
+                    network, level, self._config.evaluation.levels, episode, metadata["digest"], self._on_step
+                )
+                self._file.append(row)
+                self._file.sync()
+                self._done.add((episode, level))
+                self._place.bus.publish(keys.EVALUATION_ROWS, row)
+                log.info("checkpoint %d on %s: %.4f", episode, level, row.normalised_return)
+
+    def _stops(self) -> bool:
+        return self._place.stopping.asked
+
+    def _on_step(self) -> None:
+        if self._place.stopping.asked:
+            raise Stopped
+        self._beat("evaluating")
+
+    def _beat(self, state: str) -> None:
+        self._place.heart.beat(state, lambda: {"evaluations": float(len(self._file.rows))})

@@ -1,0 +1,139 @@
+"""What the learner keeps on disk: rows, snapshots to go on from, checkpoints to evaluate."""
+
+import json
+import logging
+import platform
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from common import checkpoint
+from common.checkpoint import CheckpointError
+from common.config import RunConfig
+from common.process import Fatal, RunFolder
+from common.records import EpisodeRow
+from common.rows import DamagedRows, RowFile
+
+log = logging.getLogger(__name__)
+
+KEPT_SNAPSHOTS = 2
+Tensors = dict[str, NDArray[Any]]
+
+
+class Archive:
+    """The learner's files. Rows are on disk before the snapshot that counts on them."""
+
+    def __init__(self, folder: RunFolder, config: RunConfig) -> None:
+        self._folder = folder
+        self._science = json.dumps(config.science, sort_keys=True)
+        self._algorithm = config.algorithm
+        self._expected: dict[int, str] = {}
+        folder.checkpoints.mkdir(exist_ok=True)
+        folder.snapshots.mkdir(exist_ok=True)
+        try:
+            self._rows = RowFile(folder.episodes_file, EpisodeRow)
+        except DamagedRows as error:
+            raise Fatal(str(error)) from None
+        self.snapshot = 0  # episodes in the newest snapshot
+        self.exact_until: int | None = None  # set when a snapshot comes from another arithmetic
+
+    @property
+    def rows(self) -> list[EpisodeRow]:
+        return self._rows.rows
+
+    def resume(self) -> Tensors | None:
+        """The newest snapshot, or none at the very start; rows beyond it are set aside to check the replay against.
+
+        Raises:
+            Fatal: the snapshot is damaged, belongs to another configuration, or rows are missing.
+        """
+        newest = max(self._folder.snapshots.glob("*.safetensors"), default=None)
+        tensors: Tensors | None = None
+        if newest is not None:
+            try:
+                tensors, metadata = checkpoint.load(newest, "snapshot")
+            except CheckpointError as error:
+                raise Fatal(str(error)) from None
+            if metadata["science"] != self._science:
+                raise Fatal(f"{newest} was made with another configuration: restore config.yaml or use a new run name")
+            self.snapshot = int(metadata["episode"])
+            if metadata["arithmetic"] != arithmetic():
+                self.exact_until = self.snapshot
+                log.warning("exactness ends at episode %d: snapshot %s", self.snapshot, metadata["arithmetic"])
+        if len(self.rows) < self.snapshot:
+            raise Fatal(
+                f"{self._folder.episodes_file} has {len(self.rows)} rows, {newest} needs {self.snapshot}: "
+                "restore the file, or delete snapshots that are newer than its last row"
+            )
+        self._expected = {row.episode: row.digest for row in self._rows.cut(self.snapshot)}
+        return tensors
+
+    def append(self, row: EpisodeRow) -> None:
+        """Write the row of a trained episode."""
+        before = self._expected.pop(row.episode, row.digest)
+        if before != row.digest:
+            log.error("episode %d is not what it was before the restart: %s, then %s", row.episode, before, row.digest)
+        self._rows.append(row)
+
+    def save_snapshot(self, state: Tensors, episode: int) -> None:
+        """Write everything that training goes on from; the last two are kept."""
+        self._rows.sync()
+        checkpoint.save(_file(self._folder.snapshots, episode), state, self._metadata("snapshot", episode))
+        self.snapshot = episode
+        for old in sorted(self._folder.snapshots.glob("*.safetensors"))[:-KEPT_SNAPSHOTS]:
+            old.unlink()
+
+    def save_checkpoint(self, weights: Tensors, episode: int) -> Path:
+        """Write what acts and is evaluated."""
+        path = _file(self._folder.checkpoints, episode)
+        checkpoint.save(path, weights, self._metadata("checkpoint", episode))
+        return path
+
+    def checkpoint_content(self, episode: int) -> bytes | None:
+        """A checkpoint's bytes, or none if there is none."""
+        path = _file(self._folder.checkpoints, episode)
+        return path.read_bytes() if path.exists() else None
+
+    def checkpoints(self, trained: int) -> list[int]:
+        """The checkpoints up to `trained` episodes, in order."""
+        found = sorted(int(path.stem) for path in self._folder.checkpoints.glob("*.safetensors"))
+        return [episode for episode in found if episode <= trained]
+
+    def _metadata(self, kind: str, episode: int) -> dict[str, str]:
+        return {
+            "kind": kind,
+            "algorithm": self._algorithm,
+            "episode": str(episode),
+            "weights_version": str(episode),
+            "science": self._science,
+            "arithmetic": arithmetic(),
+        }
+
+
+def arithmetic() -> str:
+    """What torch's bits depend on: its version, its kernels and the processor."""
+    return json.dumps(
+        {
+            "torch": torch.__version__,
+            "numpy": np.__version__,
+            "kernels": torch.backends.cpu.get_cpu_capability(),
+            "processor": _processor(),
+        },
+        sort_keys=True,
+    )
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    wanted = ("vendor_id", "cpu family", "model\t", "model name")
+    return "; ".join(dict.fromkeys(line.split(":", 1)[1].strip() for line in lines if line.startswith(wanted)))
+
+
+def _file(folder: Path, episode: int) -> Path:
+    return folder / f"{episode:08d}.safetensors"

@@ -1,0 +1,22 @@
+"""Which difficulty each episode has: a function of the configuration's mix and seed."""
+
+from collections.abc import Sequence
+
+from common.config import Difficulty, RunConfig
+from common.seeding import stream_key, uniform
+
+
+def difficulties(config: RunConfig) -> Sequence[Difficulty]:
+    """The difficulty of each of the run's episodes."""
+    if len(config.mix) == 1:
+        return [next(iter(config.mix))] * config.episodes
+    key = stream_key(config.seed, 0, "difficulty")
+    return [_pick(config.mix, uniform(key, episode)) for episode in range(config.episodes)]
+
+
+def _pick(mix: dict[Difficulty, float], draw: float) -> Difficulty:
+    for difficulty in sorted(mix):
+        draw -= mix[difficulty]
+        if draw < 0:
+            return difficulty
+    return max(mix)
