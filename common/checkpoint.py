@@ -3,13 +3,15 @@
 A digest over everything else in the file is checked on reading, so no flipped byte goes unnoticed. Equal
 content has equal bytes. Files replace their predecessors atomically: a crash leaves the old one or the new
 one. No torch here, and nothing that unpickles.
+
+The library safetensors reads the files. They are written here: it would put the metadata in an order of chance,
+and copy a snapshot's hundred megabytes several times.
 """
 
 import hashlib
 import json
 import os
-import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -20,11 +22,8 @@ from safetensors import SafetensorError
 
 FORMAT = "1"  # 1: the first
 Kind = Literal["checkpoint", "snapshot"]  # weights to act with; everything that a learner goes on from
-OURS = ("kind", "format", "digest")
-DTYPES = frozenset(
-    ("bool", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
-    + ("float16", "float32", "float64")
-)
+OURS = ("kind", "format", "digest")  # metadata that this module sets and checks
+DTYPES = {"b": "BOOL", "i": "I", "u": "U", "f": "F"}  # numpy's kind to safetensors' name, but for the bits
 
 Tensors = dict[str, NDArray[Any]]
 Metadata = dict[str, str]
@@ -41,13 +40,11 @@ def save(path: Path, tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str,
         ValueError: as `to_bytes`.
         OSError: the disk refused; a file that was there is as it was.
     """
-    data = to_bytes(tensors, metadata, kind)
-    temporary = path.with_name(
-        f".{path.name}.{os.getpid()}.tmp"
-    )  # same folder: a rename must not cross disks
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")  # same folder: a rename cannot cross disks
     try:
         with temporary.open("wb") as file:
-            file.write(data)
+            for part in _parts(tensors, metadata, kind):
+                file.write(part)
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(path)
@@ -75,32 +72,30 @@ def load(path: Path, kind: Kind) -> tuple[Tensors, Metadata]:
     except FileNotFoundError:
         raise CheckpointError(f"{path}: no such file: check the path and the run's folder") from None
     except OSError as error:
-        raise CheckpointError(
-            f"{path}: cannot be read ({error.strerror}): check the path and its rights"
-        ) from None
+        raise CheckpointError(f"{path}: cannot be read ({error.strerror}): check the path and its rights") from None
     return from_bytes(data, kind, source=str(path))
 
 
 def to_bytes(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, str], kind: Kind) -> bytes:
     """The content of a file: equal for equal arguments.
 
+    Args:
+        tensors: of any shape and layout; bool, or whole or floating numbers of at most 64 bits.
+        metadata: whatever else shall come back with the tensors.
+        kind: what `load` must ask for.
+
     Raises:
-        ValueError: metadata uses a name of ours, or safetensors has no room for an array's dtype.
+        ValueError: the metadata uses a name of ours, or safetensors has no room for a tensor's dtype.
     """
-    if reserved := [name for name in OURS if name in metadata]:
-        raise ValueError(f"metadata {reserved[0]} is set here: choose another name")
-    arrays = {name: _portable(name, array) for name, array in tensors.items()}
-    full = {**metadata, "kind": kind, "format": FORMAT}
-    full["digest"] = _digest(arrays, full)
-    return _sorted_header(safetensors.numpy.save(arrays, full))
+    return b"".join(_parts(tensors, metadata, kind))
 
 
 def from_bytes(data: bytes, kind: Kind, source: str) -> tuple[Tensors, Metadata]:
     """Undo `to_bytes`; raises as `load`, in the name of `source`."""
     try:
-        metadata = _header(data).get("__metadata__", {})
         tensors = safetensors.numpy.load(data)
-    except (SafetensorError, ValueError, KeyError, struct.error):
+        metadata = _header(data).get("__metadata__", {})
+    except (SafetensorError, ValueError, KeyError):  # KeyError: a dtype that numpy lacks
         remedy = "it is truncated or of another program, use another one"
         raise CheckpointError(f"{source}: not a safetensors file: {remedy}") from None
     _check_metadata(metadata, kind, source)
@@ -112,17 +107,13 @@ def from_bytes(data: bytes, kind: Kind, source: str) -> tuple[Tensors, Metadata]
 def _check_metadata(metadata: Metadata, kind: Kind, source: str) -> None:
     for name in OURS:
         if name not in metadata:
-            raise CheckpointError(
-                f"{source}: metadata {name} is missing: railctl did not write this file, use another"
-            )
+            raise CheckpointError(f"{source}: metadata {name} is missing: railctl did not write it, use another")
     if metadata["format"] != FORMAT:
         want = f"this version of railctl reads format {FORMAT}, use the one that wrote it"
-        raise CheckpointError(f"{source}: has format {metadata['format'][:32]}: {want}")
+        raise CheckpointError(f"{source}: has format {metadata['format'][:32]!r}: {want}")
     if metadata["kind"] != kind:
         folders = " and ".join(f"{name}s/" for name in get_args(Kind))
-        raise CheckpointError(
-            f"{source}: is a {metadata['kind'][:32]}, not a {kind}: a run has both, in {folders}"
-        )
+        raise CheckpointError(f"{source}: is a {metadata['kind'][:32]!r}, not a {kind}: a run has {folders}")
 
 
 def _digest(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, str]) -> str:
@@ -132,26 +123,47 @@ def _digest(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, str]) ->
     shapes = {name: [array.dtype.str, *array.shape] for name, array in tensors.items()}
     state.update(json.dumps([labels, shapes], sort_keys=True).encode())
     for name in sorted(tensors):
-        state.update(tensors[name].data if tensors[name].size else b"")  # numpy lends out no empty buffers
+        state.update(tensors[name].reshape(-1).data)
     return state.hexdigest()
 
 
+def _parts(
+    tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, str], kind: Kind
+) -> Iterator[bytes | memoryview]:
+    """The bytes of a file, one after another: header, then arrays, the widest first, so that all are aligned."""
+    if reserved := [name for name in OURS if name in metadata]:
+        raise ValueError(f"metadata {reserved[0]} is set here: choose another name")
+    arrays = {name: _portable(name, array) for name, array in tensors.items()}
+    full = {**metadata, "kind": kind, "format": FORMAT}
+    header: dict[str, Any] = {"__metadata__": {**full, "digest": _digest(arrays, full)}}
+    order = sorted(arrays, key=lambda name: (-arrays[name].itemsize, name))
+    offset = 0
+    for name in order:
+        array = arrays[name]
+        bits = "" if array.dtype.kind == "b" else 8 * array.itemsize
+        header[name] = {
+            "dtype": f"{DTYPES[array.dtype.kind]}{bits}",
+            "shape": array.shape,
+            "data_offsets": (offset, offset + array.nbytes),
+        }
+        offset += array.nbytes
+    text = json.dumps(header, sort_keys=True, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 8)
+    yield len(text).to_bytes(8, "little") + text
+    for name in order:
+        yield arrays[name].reshape(-1).view(np.uint8).data
+
+
 def _portable(name: str, array: NDArray[Any]) -> NDArray[Any]:
-    """Dense and little-endian: safetensors writes the memory of an array as it lies."""
-    if array.dtype.name not in DTYPES:
+    """Dense and little-endian, as safetensors wants it."""
+    if array.dtype.kind not in DTYPES or array.itemsize > 8:
         raise ValueError(f"tensor {name} has dtype {array.dtype}, which safetensors does not keep")
+    if name == "__metadata__":
+        raise ValueError("no tensor can have the name __metadata__: safetensors keeps it for itself")
     return np.asarray(array, dtype=array.dtype.newbyteorder("<"), order="C")
 
 
 def _header(data: bytes) -> dict[str, Any]:
-    (length,) = struct.unpack_from("<Q", data)
+    length = int.from_bytes(data[:8], "little")
     header: dict[str, Any] = json.loads(data[8 : 8 + length])
     return header
-
-
-def _sorted_header(data: bytes) -> bytes:
-    """The same file with the keys of its header in order: safetensors leaves it to chance."""
-    (length,) = struct.unpack_from("<Q", data)
-    text = json.dumps(_header(data), sort_keys=True, separators=(",", ":"), ensure_ascii=False).encode()
-    text += b" " * (-len(text) % 8)  # the arrays after it stay aligned
-    return b"".join((struct.pack("<Q", len(text)), text, memoryview(data)[8 + length :]))

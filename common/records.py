@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, model_validator
 from pydantic_core import CoreSchema, core_schema
 
-from common.config import Difficulty
+from common.config import Difficulty, Serves
 
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
 Text = Annotated[str, Field(max_length=4096)]
@@ -192,7 +192,7 @@ class LeaseRequest(Record):
 
     actor: Name
     incarnation: Name
-    serves: Difficulty | Literal["any"]
+    serves: Serves
     kept: list[Count] = Field(max_length=100_000)
 
 
@@ -258,7 +258,7 @@ class LearnerCommand(Record):
 class ScaleRequest(Record):
     """How many actors there shall be for each named difficulty; others stay as they are."""
 
-    actors: dict[Difficulty | Literal["any"], Annotated[int, Field(ge=0, le=256)]]
+    actors: dict[Serves, Annotated[int, Field(ge=0, le=256)]]
 
 
 class CommandAnswer(Record):
@@ -283,7 +283,7 @@ class ProcessStatus(Record):
 
     process: Name
     role: Role
-    difficulty: Difficulty | Literal["any"] | None
+    difficulty: Serves | None
     pid: Count | None
     state: Annotated[str, Field(max_length=64)]
     restarts: Count
@@ -308,12 +308,17 @@ class Progress(Record):
     reissued: Count
 
 
+RunState = Literal[
+    "starting", "running", "paused", "finishing", "finished", "stopping", "stopped", "failed", "unsupervised"
+]
+
+
 class Status(Record):
     """The state of a run and of its processes."""
 
     run: Text
     path: Text
-    state: Literal["starting", "running", "paused", "finishing", "finished", "stopping", "stopped", "failed"]
+    state: RunState
     algorithm: Text
     episodes: Count
     supervisor_pid: Count | None

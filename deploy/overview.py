@@ -2,15 +2,13 @@
 
 import os
 from collections.abc import Mapping
-from typing import Literal
 
 from common.config import DIFFICULTIES, RunConfig
 from common.process import RunFolder
-from common.records import Heartbeat, ProcessStatus, Progress, Status
+from common.records import Heartbeat, ProcessStatus, Progress, RunState, Status
 from deploy.supervisor import Supervisor
 
 Beats = Mapping[str, tuple[Heartbeat, float]]  # process -> last heartbeat, unix time of its arrival
-RunState = Literal["starting", "running", "paused", "finishing", "finished", "stopping", "stopped", "failed"]
 
 
 def run_is_complete(config: RunConfig, beats: Beats) -> bool:
@@ -99,7 +97,7 @@ def _processes(mind: Supervisor, pids: Mapping[str, int], beats: Beats) -> list[
             ProcessStatus(
                 process=name,
                 role=ward.spec.role,
-                difficulty=ward.spec.serves,  # type: ignore[arg-type]  # plans only hold difficulties
+                difficulty=ward.spec.serves,
                 pid=pids.get(name),
                 state="waiting to restart" if state == "waiting" and ward.restarts else state,
                 restarts=ward.restarts,

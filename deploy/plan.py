@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from common.config import Serves
 from common.records import Role
 
 # One thread a process for numerics, and bits that do not depend on memory alignment.
@@ -32,7 +33,7 @@ class ProcessSpec:
         return command
 
 
-def actors(counts: Mapping[str, int]) -> list[ProcessSpec]:
+def actors(counts: Mapping[Serves, int]) -> list[ProcessSpec]:
     """The actors for these counts; scaling keeps the names of those that stay.
 
     >>> [spec.name for spec in actors({"easy": 2})]
@@ -45,7 +46,7 @@ def actors(counts: Mapping[str, int]) -> list[ProcessSpec]:
     ]
 
 
-def cluster(counts: Mapping[str, int]) -> list[ProcessSpec]:
+def cluster(counts: Mapping[Serves, int]) -> list[ProcessSpec]:
     """Every process of a run, but its supervisor."""
     return [
         ProcessSpec("router", "router"),

@@ -1,8 +1,9 @@
-"""The levels of the study: the `legacy` distribution of flatland 2.2.2, drawn with the generators of flatland-rl 4.3.0.
+"""The levels of the study: flatland 2.2.2's distribution, drawn with the generators of flatland-rl 4.3.0.
 
-Source: "Deep Reinforcement Learning in the Flatland Multi-Agent Environment" (2021), table 5.1, and the sparse rail and
-schedule generators of flatland-rl 2.2.2. Where 4.3.0 differs (tracks in a city, placement of cities, who goes where),
-the old rule is restated here; all else is the library's. No `RailEnv`, timetable or distance map is built.
+Source: "Deep Reinforcement Learning in the Flatland Multi-Agent Environment" (2021), table 5.1, and the
+sparse rail and schedule generators of flatland-rl 2.2.2. Where 4.3.0 differs (tracks in a city, placement of
+cities, who goes where), the old rule is restated here; all else is the library's. No `RailEnv`, timetable or
+distance map is built.
 """
 
 import warnings
@@ -12,7 +13,6 @@ from math import ceil
 from typing import Any, SupportsIndex
 
 import numpy as np
-from flatland.envs.grid.rail_env_grid import RailEnvTransitions
 from flatland.envs.rail_generators import SparseRailGen
 from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
 from flatland.utils.seeding import np_random as flatland_rng
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from common.config import Difficulty
 from common.levels.level import Level
+from common.rail.decisions import STEPS, exits
 from common.seeding import stream_key
 
 SIDE_CELLS = 25
@@ -54,7 +55,7 @@ class InfeasibleLevelError(RuntimeError):
 
 
 def generate(difficulty: Difficulty, seed: int) -> Level:
-    """The level of `seed`: a pure function, the same in every process.
+    """The level of `seed`: a pure function, the same in every process, whatever the global generators hold.
 
     Raises:
         InfeasibleLevelError: none of `LEVEL_TRIES` derived seeds gave a feasible level.
@@ -62,7 +63,7 @@ def generate(difficulty: Difficulty, seed: int) -> Level:
     for attempt in range(LEVEL_TRIES):
         derived = stream_key(int(seed), attempt, "level-retry") if attempt else int(seed)
         try:
-            return _draw(SPECS[difficulty], flatland_rng(derived)[0])
+            return _draw(SPECS[difficulty], flatland_rng(derived)[0])  # type: ignore[no-untyped-call]
         except InfeasibleLevelError:
             continue
         finally:
@@ -76,10 +77,10 @@ def max_episode_steps(spec: LegacySpec, cities_placed: int) -> int:
 
 
 def _draw(spec: LegacySpec, rng: RandomState) -> Level:
-    with warnings.catch_warnings():  # a line that could not be drawn is no news: unreachable targets are found below
+    with warnings.catch_warnings():  # of lines that could not be drawn; whether it matters is found below
         warnings.filterwarnings("ignore", category=UserWarning, module=r"flatland\.")
-        rail, optionals = _LegacyRails(spec.cities).generate(SIDE_CELLS, SIDE_CELLS, spec.trains, np_random=rng)
-    hints = optionals["agents_hints"]
+        drawn: Any = _LegacyRails(spec.cities).generate(SIDE_CELLS, SIDE_CELLS, spec.trains, np_random=rng)
+    rail, hints = drawn[0], drawn[1]["agents_hints"]
     routes = [_route(rail, hints, rng) for _ in range(spec.trains)]
     return Level(
         grid=np.array(rail.grid, dtype=np.uint16),
@@ -103,10 +104,11 @@ _MAP_CACHES: list[Callable[[], None]] = [
 ]
 
 
-def _route(rail: RailGridTransitionMap, hints: dict[str, Any], rng: RandomState) -> tuple[tuple[int, int, int], _Cell]:
+def _route(rail: Any, hints: dict[str, Any], rng: RandomState) -> tuple[tuple[int, int, int], _Cell]:
     """The start and target of a train, as 2.2.2's schedule generator drew them.
 
-    Any two cities; from a track of even number to one of odd number; facing either way, turned if that leads nowhere.
+    Any two cities; from a track of even number to one of odd number; facing either way, turned if that leads
+    nowhere.
     """
     stations, orientations = hints["train_stations"], hints["city_orientations"]
     for _ in range(ROUTE_TRIES):
@@ -135,7 +137,7 @@ class _Tracks(int):
 
 
 class _TrackDraws:
-    """A generator for `_generate_city_connection_points`, which draws twice a city: its tracks, then its ways out."""
+    """The draws of `_generate_city_connection_points`, two a city: its tracks, then its ways out."""
 
     def __init__(self, rng: RandomState) -> None:
         self._rng = rng
@@ -160,8 +162,8 @@ class _LegacyRails(SparseRailGen):
         )
 
     def _generate_random_city_positions(
-        self, num_cities: int, city_radius: int, width: int, height: int, np_random: RandomState
-    ) -> list[_Cell]:
+        self, num_cities: int, city_radius: int, width: int, height: int, np_random: Any = None
+    ) -> Any:
         """4.3.0 samples the free cells exhaustively, which places three cities more often than 2.2.2 did."""
         margin = city_radius + 1
         cities: list[_Cell] = []
@@ -173,55 +175,40 @@ class _LegacyRails(SparseRailGen):
                     cities.append((row, column))
                     break
         if len(cities) < 2:  # what the library does next, with a warning
-            return list(self._generate_evenly_distr_city_positions(num_cities, city_radius, width, height))
+            return self._generate_evenly_distr_city_positions(num_cities, city_radius, width, height)
         return cities
 
-    def _generate_city_connection_points(  # noqa: PLR0913, PLR0917  (the library's signature)
-        self,
-        city_positions: list[_Cell],
-        city_radius: int,
-        vector_field: NDArray[np.float64],
-        rails_between_cities: int,
-        rail_pairs_in_city: int,
-        np_random: RandomState,
-    ) -> Any:
-        return super()._generate_city_connection_points(
-            city_positions, city_radius, vector_field, rails_between_cities, rail_pairs_in_city, _TrackDraws(np_random)
-        )
+    def _generate_city_connection_points(self, *args: Any, **kwargs: Any) -> Any:
+        kwargs["np_random"] = _TrackDraws(kwargs["np_random"])
+        return super()._generate_city_connection_points(*args, **kwargs)
 
-    def _fix_transitions(  # noqa: PLR0913, PLR0917  (the library's signature)
-        self,
-        city_cells: set[_Cell],
-        inter_city_lines: list[_Cell],
-        grid_map: RailGridTransitionMap,
-        vector_field: NDArray[np.float64],
-        np_random: RandomState,
+    def _fix_transitions(
+        self, city_cells: Any, inter_city_lines: Any, grid_map: Any, vector_field: Any, np_random: Any
     ) -> None:
-        """As the library's, but the cells to fix are found for the whole grid at once: half of the time of a level."""
-        broken = _broken(grid_map.grid)
+        """The library's, but broken cells are found in the whole grid at once: that was most of the time."""
+        broken = _broken(grid_map.grid, list(grid_map.transitions.transitions_all))
         for cell in [cell for cell in [*city_cells, *inter_city_lines] if broken[cell]]:
             self.fix_transitions(grid_map, (int(cell[0]), int(cell[1])), int(vector_field[cell]), np_random)
 
-    def _extract_stations_links(self, *_args: Any) -> None:
+    def _extract_stations_links(self, *_args: Any, **_kwargs: Any) -> Any:
         """Nobody asks for the named stations and links, and they take time."""
 
 
-def _broken(grid: NDArray[np.uint16]) -> NDArray[np.bool_]:
+def _broken(grid: NDArray[np.uint16], pieces: list[int]) -> NDArray[np.bool_]:
     """[H, W]: not `cell_neighbours_valid(cell, check_this_cell=True)`.
 
-    A cell is broken if it is no piece of rail, leads off the grid or to a cell that cannot be entered so, or is
-    empty although a neighbour leads to it.
+    A cell is broken if it is no piece of rail, leads off the grid or to a cell that cannot be entered so, or
+    is empty although a neighbour leads to it.
     """
     height, width = grid.shape
-    bits = (grid[..., None] >> np.arange(15, -1, -1, dtype=np.uint16) & 1).reshape(height, width, 4, 4).astype(bool)
-    leads = bits.any(axis=2)  # [H, W, exit]
-    enters = np.zeros((height + 2, width + 2, 4), dtype=bool)  # [.., heading], with a border that nobody enters
-    enters[1:-1, 1:-1] = bits.any(axis=3)
-    arrives = np.zeros((height + 2, width + 2, 4), dtype=bool)
-    arrives[1:-1, 1:-1] = leads
-    broken: NDArray[np.bool_] = ~np.isin(grid, list(RailEnvTransitions().transitions_all))
-    for heading, (down, right) in enumerate(((-1, 0), (0, 1), (1, 0), (0, -1))):
+    ways = exits(grid)
+    leads = np.zeros((height + 2, width + 2, 4), dtype=bool)  # with a border that is empty
+    enters = leads.copy()
+    leads[1:-1, 1:-1] = ways.any(axis=2)  # by exit
+    enters[1:-1, 1:-1] = ways.any(axis=3)  # by heading
+    broken: NDArray[np.bool_] = ~np.isin(grid, pieces)
+    for heading, (down, right) in enumerate(STEPS):
         there = (slice(1 + down, 1 + down + height), slice(1 + right, 1 + right + width))
-        broken |= leads[..., heading] & ~enters[(*there, heading)]
-        broken |= (grid == 0) & arrives[(*there, (heading + 2) % 4)]
+        broken |= leads[1:-1, 1:-1, heading] & ~enters[(*there, heading)]
+        broken |= (grid == 0) & leads[(*there, (heading + 2) % 4)]
     return broken

@@ -5,6 +5,8 @@ depend on what else is in a batch, so each observation goes through the network 
 memory.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -17,7 +19,7 @@ def draw_counter(step: int, n_trains: int, train: int) -> int:
     """Where the two draws of `train`'s decision at `step` lie in the episode's stream of exploration.
 
     Draw `draw_counter` decides whether to explore, the one after it which action. Every (step, train) has its
-    own two, drawn or not: a decision never shifts the draws of another.
+    own two, used or not: no decision shifts the draws of another.
     """
     return 2 * (step * n_trains + train)
 
@@ -30,9 +32,17 @@ class EpsilonGreedy:
         self._row = torch.zeros(1, n_features)
         self._row_array = self._row[0].numpy()  # the same memory
 
-    def act(
-        self, network: QNetwork, observation: NDArray[np.float32], epsilon: float, key: int, counter: int
-    ) -> int:
+    def in_episode(
+        self, network: QNetwork, epsilon: float, key: int, n_trains: int
+    ) -> Callable[[NDArray[np.float32], int, int], int]:
+        """The choice of an action by (observation [F], step, train), for one episode of `n_trains`; as `act`."""
+
+        def choose(observation: NDArray[np.float32], step: int, train: int) -> int:
+            return self.act(network, observation, epsilon, key, draw_counter(step, n_trains, train))
+
+        return choose
+
+    def act(self, network: QNetwork, observation: NDArray[np.float32], epsilon: float, key: int, counter: int) -> int:
         """The action for one observation.
 
         Args:

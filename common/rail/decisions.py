@@ -1,19 +1,19 @@
 """The `cells` rule: where the study's trains decide, as a table per level.
 
-Source: "Deep Reinforcement Learning in the Flatland Multi-Agent Environment" (2021): only decisions count, and on
-plain track a train moves forward. A train of this rule decides on a cell that has two or more exits for its
-heading, or right before one with more than two transition bits (a switch, slip or crossing, whichever way it lies).
+Source: "Deep Reinforcement Learning in the Flatland Multi-Agent Environment" (2021): only decisions count,
+and on plain track a train moves forward. A train of this rule decides on a cell that has two or more exits for
+its heading, or right before one with more than two transition bits (a switch, slip or crossing, however it lies).
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-BITS = np.arange(15, -1, -1, dtype=np.uint16)  # flatland reads a cell from its highest bit: [heading, exit]
+BITS = np.arange(15, -1, -1, dtype=np.uint16)  # from the highest: [heading, exit]
 STEPS = ((-1, 0), (0, 1), (1, 0), (0, -1))  # row and column of a step north, east, south, west
 
 
 def exits(grid: NDArray[np.uint16]) -> NDArray[np.bool_]:
-    """[H, W, 4, 4]: whether a train in the cell with a heading may leave it to the north, east, south, west."""
+    """[H, W, 4, 4]: whether a train in a cell with a heading may leave it north, east, south, west."""
     bits: NDArray[np.bool_] = (grid[..., None] >> BITS & 1).astype(np.bool_)
     return bits.reshape(*grid.shape, 4, 4)
 

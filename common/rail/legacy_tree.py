@@ -1,11 +1,13 @@
 """The tree observation of flatland-rl 2.2.2, depth 2, over tables of the level; not built on the library.
 
-Source: `TreeObsForRailEnv` and `ShortestPathPredictorForRailEnv` of flatland-rl 2.2.2. Unlike 4.3.0's, the predicted
-conflicts are live, trains that have arrived are invisible, and speeds are constant (here 1, without malfunctions).
+Source: `TreeObsForRailEnv` and `ShortestPathPredictorForRailEnv` of flatland-rl 2.2.2. Unlike 4.3.0's, the
+predicted conflicts are live, trains that have arrived are invisible, and speeds are constant (here 1, without
+malfunctions).
 
-A configuration is a cell and a heading, numbered `cell * 4 + heading`. What the rails alone determine (the stretch of
-track from a configuration to the next switch, the shortest path from it to a target) is computed on first use and
-kept as long as the level; what is left per observation is to look up the trains that are on, or will be on, a stretch.
+A configuration is a cell and a heading, numbered `cell * 4 + heading`. What the rails alone determine (the
+stretch of track from a configuration to the next switch, the shortest path from it to a target) is computed on
+first use and kept as long as the level; what is left per observation is to look up the trains that are, or will
+be, there.
 """
 
 from collections.abc import Sequence
@@ -52,6 +54,8 @@ class _Rails:
         grid = level.grid
         self.width = grid.shape[1]
         ways = exits(grid)
+        if (ways[0, ..., 0] | ways[-1, ..., 2]).any() or (ways[:, -1, :, 1] | ways[:, 0, :, 3]).any():
+            raise ValueError("the level's rails lead off the grid")
         self.exits = _exit_lists(ways)
         self.bits = _transition_bits(grid, ways)
         self.step = [down * self.width + right for down, right in STEPS]
@@ -119,6 +123,7 @@ class LegacyTree:
         self._rails = _Rails(level)
         self._distances = [self._rails.distances(cell) for cell in self._rails.targets]
         self._forecasts: list[dict[int, _Forecast]] = [{} for _ in self._rails.targets]
+        self._hops: list[dict[int, int]] = [{} for _ in self._rails.targets]
         self._now: list[int | None] = [None] * level.n_trains
         self._running: dict[int, int] = {}  # cell -> heading of the train on it
         self._waiting: dict[int, int] = {}  # cell -> trains that wait to depart from it
@@ -186,12 +191,10 @@ class LegacyTree:
         facing = (last & 3) + (2 if stretch.end == _DEAD_END else 0)  # a dead end is left backwards, as "forward"
         for heading in self._rails.exits[last]:
             below = node + 1 + (heading - facing + 1) % 4
-            self._branch(
-                nodes, below, train, self._rails.after(last, heading), steps=end_steps + 1, depth=depth + 1
-            )
+            self._branch(nodes, below, train, self._rails.after(last, heading), steps=end_steps + 1, depth=depth + 1)
 
     def _targets(self, stretch: _Stretch, train: int) -> tuple[int | None, int | None, int]:
-        """Where the own and the first other target are, and how many cells count: a train goes no further than its own."""
+        """Where the own and the first other target are, and how many cells count: up to the own target."""
         other = None
         for at, cell in stretch.targets:
             if cell == self._rails.targets[train]:
@@ -201,7 +204,7 @@ class LegacyTree:
         return None, other, len(stretch.configurations)
 
     def _trains(self, stretch: _Stretch, length: int) -> tuple[int | None, int, int, int]:
-        """Of the trains on the stretch: where the first is, how many run with us, against us, and wait below one."""
+        """Where the first train is; how many run along, how many against, and how many wait below one."""
         nearest: int | None = None
         same = opposite = ready = 0
         for cell, heading in self._running.items():
@@ -216,32 +219,25 @@ class LegacyTree:
         return nearest, same, opposite, ready
 
     def _conflict(self, stretch: _Stretch, length: int, train: int, steps: int) -> float:
-        """Steps to the first cell where another train is predicted about when this one comes, facing a way out of it.
-
-        As in flatland, this train's own predicted heading counts as well where another train's path meets it.
-        """
+        """Steps to the first cell where another train is due when this one comes, facing a way out."""
         own = self._paths[train]
-        nearest = inf
-        for other, path in enumerate(self._paths):
-            if path is None or other == train or path.cells.isdisjoint(stretch.places):
-                continue
-            for at in range(min(length, PREDICTED_STEPS + 1 - steps)):
-                if steps + at >= nearest:
-                    break
-                here = stretch.configurations[at]
-                if here >> 2 in path.cells and self._meets(here, steps + at, path, own):
-                    nearest = steps + at
-                    break
-        return nearest
+        paths = [path for path in self._paths if path and path is not own and not path.cells.isdisjoint(stretch.places)]
+        if own is None or not paths:
+            return inf
+        for at in range(min(length, PREDICTED_STEPS + 1 - steps)):
+            if self._meets(stretch.configurations[at], steps + at, paths, own):
+                return steps + at
+        return inf
 
-    def _meets(self, here: int, time: int, path: _Forecast, own: _Forecast | None) -> bool:
+    def _meets(self, here: int, time: int, paths: list[_Forecast], own: _Forecast) -> bool:
+        """Only the first moment at which others are there counts; then flatland counts this train, too."""
+        cell = here >> 2
         for moment in (time, time - 1, min(PREDICTED_STEPS, time + 1)):
-            if path.configurations[moment] >> 2 != here >> 2:
-                continue
-            for who in (path, own):
-                there = who.configurations[moment] if who is not None else -1
-                if there >> 2 == here >> 2 and there != here and (there + 2) & 3 in self._rails.exits[here]:
-                    return True
+            there = [path.configurations[moment] for path in paths if path.configurations[moment] >> 2 == cell]
+            if there:
+                if own.configurations[moment] >> 2 == cell:
+                    there.append(own.configurations[moment])
+                return any(other != here and (other + 2) & 3 in self._rails.exits[here] for other in there)
         return False
 
     def _forecast(self, train: int, start: int) -> _Forecast:
@@ -252,26 +248,31 @@ class LegacyTree:
         return known
 
     def _shortest_path(self, train: int, start: int) -> tuple[int, ...]:
-        """[PREDICTED_STEPS + 1]: the way to the target; left before forward before right; it stays where it ends.
+        """[PREDICTED_STEPS + 1]: the way to the target; left before forward before right; then it stays.
 
-        As in flatland, the last step of a path that does not reach its target in time is not taken, and a train
-        without a way stays where it is.
+        As in flatland, the last step of a path that does not reach its target in time is not taken, and a
+        train without a way stays where it is.
         """
-        distances, rails = self._distances[train], self._rails
+        target, hops = self._rails.targets[train], self._hops[train]
+        if self._distances[train][start] == inf:
+            return (start,) * (PREDICTED_STEPS + 1)
         path = [start]
-        here, nearest = start, inf
-        while here >> 2 != rails.targets[train] and len(path) < PREDICTED_STEPS:
-            ways, facing = rails.exits[here], here & 3
-            ahead = [rails.after(here, way) for way in sorted(ways, key=lambda way: (way - facing + 1) % 4)]
-            if len(ways) > 1:
-                ahead = [step for step in ahead if step & 3 != (facing + 2) % 4]
-            here = min(ahead, key=distances.__getitem__, default=here)
-            if not ahead or distances[here] >= nearest:
-                path = [start]
-                break
-            nearest = distances[here]
-            path.append(here)
-        return tuple(path + [path[-1]] * (PREDICTED_STEPS + 1 - len(path)))
+        here = start
+        while here >> 2 != target and len(path) < PREDICTED_STEPS:
+            ahead = hops.get(here)
+            if ahead is None:
+                ahead = hops[here] = self._hop(train, here)
+            path.append(ahead)
+            here = ahead
+        return tuple(path + [here] * (PREDICTED_STEPS + 1 - len(path)))
+
+    def _hop(self, train: int, here: int) -> int:
+        """The next configuration on the shortest path."""
+        ways, facing = self._rails.exits[here], here & 3
+        by_turn = sorted(ways, key=lambda way: (way - facing + 1) % 4)
+        if len(ways) > 1 and by_turn[-1] == (facing + 2) % 4:
+            by_turn.pop()  # flatland's trains turn in dead ends only
+        return min((self._rails.after(here, way) for way in by_turn), key=self._distances[train].__getitem__)
 
 
 def _exit_lists(ways: NDArray[np.bool_]) -> list[tuple[int, ...]]:

@@ -1,12 +1,12 @@
 """A tree observation of depth 2 as a fixed vector in [-1, 0], in which 0 means that there is nothing.
 
-Source: the text (section 3.3) flattens and normalises flatland's tree to [-1, 0] and leaves the formula open; it is
-ours. Padding, infinite distances and zero counts are exactly 0.0, so that a network may skip them. With x a
-feature and all arithmetic in float32, `clip(x / scale + offset, -1, 0)`:
+Source: the text (section 3.3) flattens and normalises flatland's tree to [-1, 0] and leaves the formula open;
+it is ours. Padding, infinite distances and zero counts are exactly 0.0, so that a network may skip them. With x
+a feature and all arithmetic in float32, `clip(x / scale + offset, -1, 0)`:
 
 | feature | | scale | offset |
 |---|---|---|---|
-| 0-4 | distance to own target, other target, other train, conflict, unusable switch | 50 | -1 |
+| 0-4 | distance to own target, other target, train, conflict, unusable switch | 50 | -1 |
 | 5 | distance to the next branch | 50 | -1 |
 | 6 | at the root: distance to the target | 100 | -1 |
 | 6 | elsewhere: detour through the node, `(x5 + x6) - root x6` | 25 | -1 |
@@ -15,8 +15,8 @@ feature and all arithmetic in float32, `clip(x / scale + offset, -1, 0)`:
 | 10 | slowest speed | 1 | -1 |
 | 11 | trains ready to depart | -5 | 0 |
 
-So near things and many things read -1. The root's features 0-5 are zeros that mean nothing in flatland: they are
-taken as infinite.
+So near things and many things read -1. The root's features 0-5 are zeros that mean nothing in flatland: they
+are taken as infinite.
 """
 
 from typing import Final
@@ -36,8 +36,7 @@ LONG_MALFUNCTION_STEPS = 10.0
 
 _SCALE = np.tile(
     np.array(
-        [NEAR_CELLS] * 6
-        + [DETOUR_CELLS, -MANY_TRAINS, -MANY_TRAINS, -LONG_MALFUNCTION_STEPS, 1.0, -MANY_TRAINS],
+        [NEAR_CELLS] * 6 + [DETOUR_CELLS, -MANY_TRAINS, -MANY_TRAINS, -LONG_MALFUNCTION_STEPS, 1.0, -MANY_TRAINS],
         dtype=np.float32,
     ),
     (N_NODES, 1),
@@ -47,7 +46,7 @@ _OFFSET = np.array([-1.0] * 7 + [0.0, 0.0, 0.0, -1.0, 0.0], dtype=np.float32)
 _LEAST, _MOST = np.float32(-1), np.float32(0)
 
 
-def normalise(tree: NDArray[np.floating]) -> NDArray[np.float32]:
+def normalise(tree: NDArray[np.float32] | NDArray[np.float64]) -> NDArray[np.float32]:
     """The vector of a tree.
 
     Args:

@@ -6,12 +6,12 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from torch import nn
 
 from common.bus import NoAnswer
-from common.levels.legacy import TRAINS, generate
+from common.config import Serves
+from common.levels.legacy import SPECS, generate
 from common.policy.acting import EpsilonGreedy
-from common.policy.networks import build_network, import_parameters
+from common.policy.networks import QNetwork, build_network, import_parameters
 from common.process import Place
 from common.rail.flatland_world import FlatlandWorld
 from common.rail.normalise import N_FEATURES
@@ -58,13 +58,14 @@ class Shelf:
 class Actor:
     """One actor. Everything an episode depends on comes with its lease."""
 
-    def __init__(self, place: Place, serves: str) -> None:
+    def __init__(self, place: Place, serves: Serves) -> None:
         self._place = place
         self._serves = serves
         self._kept: dict[int, Episode] = {}
         self._shelf = Shelf(place.config.lag + 2)
-        self._world = FlatlandWorld(slots=1, max_trains=max(TRAINS[level] for level in place.config.mix))
+        self._world = FlatlandWorld(slots=1, max_trains=max(SPECS[level].trains for level in place.config.mix))
         self._network = build_network(place.config.network, N_FEATURES, N_ACTIONS, place.config.seed)
+        self._policy = EpsilonGreedy(N_FEATURES, N_ACTIONS)
         self._loaded: int | None = None
         self._acted = 0
 
@@ -114,7 +115,7 @@ class Actor:
         self._acted += 1
         self._place.bus.publish(keys.EPISODES, episode)
 
-    def _network_of(self, version: int) -> nn.Module | None:
+    def _network_of(self, version: int) -> QNetwork | None:
         if self._loaded != version:
             weights = self._shelf.get(version, PUSH_PATIENCE_S) or self._pull(version)
             if weights is None:
@@ -130,13 +131,12 @@ class Actor:
             log.warning("no weights %d: %s", version, reason)
             return None
 
-    def _act(self, lease: Lease, network: nn.Module) -> Episode:
+    def _act(self, lease: Lease, network: QNetwork) -> Episode:
         begin = time.perf_counter()
         level = generate(lease.level, lease.level_seed)
-        policy = EpsilonGreedy(
-            network, lease.epsilon, stream_key(self._place.config.seed, lease.episode, "explore"), level.n_trains
-        )
-        [recording] = play(self._world, [level], [policy.act], self._stepping(lease.episode))
+        key = stream_key(self._place.config.seed, lease.episode, "explore")
+        choose = self._policy.in_episode(network, lease.epsilon, key, level.n_trains)
+        [recording] = play(self._world, [level], [choose], self._stepping(lease.episode))
         return _episode(lease, recording, self._place.name, time.perf_counter() - begin)
 
     def _stepping(self, episode: int) -> Callable[[], None]:

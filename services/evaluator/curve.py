@@ -6,6 +6,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib import pyplot as plt
+from numpy.typing import NDArray
 
 from common.process import RunFolder, run_service
 from common.records import EpisodeRow, EvaluationRow
@@ -16,7 +17,7 @@ COLOURS = {"easy": "#0072B2", "medium": "#E69F00", "hard": "#009E73"}  # Okabe &
 DASHES = {"easy": "-", "medium": "--", "hard": ":"}
 
 
-def moving_mean(values: list[float], window: int) -> np.ndarray:
+def moving_mean(values: list[float], window: int) -> NDArray[np.float64]:
     """The mean of the last `window` values (fewer at the start) at every place."""
     sums = np.cumsum([0.0, *values])
     ends = np.arange(1, len(values) + 1)

@@ -5,18 +5,20 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
-from torch import nn
 
 from common.config import Difficulty
-from common.levels.legacy import TRAINS, generate
+from common.levels.legacy import SPECS, generate
 from common.levels.level import Level
 from common.policy.acting import EpsilonGreedy
+from common.policy.networks import QNetwork
 from common.rail.flatland_world import FlatlandWorld
+from common.rail.normalise import N_FEATURES
 from common.rail.play import play
+from common.rail.world import N_ACTIONS
 from common.records import EvaluationRow
 from common.seeding import evaluation_level_seed
 
-MAX_TRAINS = max(TRAINS.values())
+MAX_TRAINS = max(spec.trains for spec in SPECS.values())
 GREEDY = 0.0
 
 
@@ -27,7 +29,7 @@ def evaluation_level(difficulty: Difficulty, index: int) -> Level:
 
 
 def evaluate(
-    network: nn.Module,
+    network: QNetwork,
     difficulty: Difficulty,
     levels: int,
     episode: int,
@@ -40,12 +42,13 @@ def evaluate(
     """
     begin = time.perf_counter()
     world = FlatlandWorld(slots=1, max_trains=MAX_TRAINS)
+    policy = EpsilonGreedy(N_FEATURES, N_ACTIONS)
     returns, arrived, steps = [], [], []
     for index in range(levels):
         on_step()
         level = evaluation_level(difficulty, index)
-        policy = EpsilonGreedy(network, GREEDY, key=0, n_trains=level.n_trains)
-        [recording] = play(world, [level], [policy.act], on_step)
+        choose = policy.in_episode(network, GREEDY, key=0, n_trains=level.n_trains)
+        [recording] = play(world, [level], [choose], on_step)
         returns.append(recording.normalised_return)
         arrived.append(recording.arrived_at >= 0)
         steps.append(recording.steps)

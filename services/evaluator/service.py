@@ -82,7 +82,7 @@ class Evaluator:
             keys.PULL_CHECKPOINT, CheckpointRequest(episode=episode), ASK_TIMEOUT_S, self._stops
         )
         try:
-            tensors, metadata = checkpoint.from_bytes(pulled.content, "checkpoint", f"checkpoint {episode}")
+            tensors, metadata = checkpoint.from_bytes(pulled.content, "checkpoint", source=f"checkpoint {episode}")
         except CheckpointError as error:
             raise Fatal(str(error)) from None
         network = build_network(self._config.network, N_FEATURES, N_ACTIONS, self._config.seed)

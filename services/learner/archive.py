@@ -81,7 +81,7 @@ class Archive:
     def save_snapshot(self, state: Tensors, episode: int) -> None:
         """Write everything that training goes on from; the last two are kept."""
         self._rows.sync()
-        checkpoint.save(_file(self._folder.snapshots, episode), state, self._metadata("snapshot", episode))
+        checkpoint.save(_file(self._folder.snapshots, episode), state, self._metadata(episode), "snapshot")
         self.snapshot = episode
         for old in sorted(self._folder.snapshots.glob("*.safetensors"))[:-KEPT_SNAPSHOTS]:
             old.unlink()
@@ -89,7 +89,7 @@ class Archive:
     def save_checkpoint(self, weights: Tensors, episode: int) -> Path:
         """Write what acts and is evaluated."""
         path = _file(self._folder.checkpoints, episode)
-        checkpoint.save(path, weights, self._metadata("checkpoint", episode))
+        checkpoint.save(path, weights, self._metadata(episode), "checkpoint")
         return path
 
     def checkpoint_content(self, episode: int) -> bytes | None:
@@ -102,9 +102,8 @@ class Archive:
         found = sorted(int(path.stem) for path in self._folder.checkpoints.glob("*.safetensors"))
         return [episode for episode in found if episode <= trained]
 
-    def _metadata(self, kind: str, episode: int) -> dict[str, str]:
+    def _metadata(self, episode: int) -> dict[str, str]:
         return {
-            "kind": kind,
             "algorithm": self._algorithm,
             "episode": str(episode),
             "weights_version": str(episode),

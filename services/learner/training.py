@@ -78,9 +78,7 @@ class Trainer:
         self._replay.add(new[added:])
         self._counters["steps"] += episode.rewards.shape[0]
         self._counters["episodes"] += 1
-        means = (
-            {name: float(np.mean([row[name] for row in metrics])) for name in metrics[0]} if metrics else {}
-        )
+        means = {name: float(np.mean([row[name] for row in metrics])) for name in metrics[0]} if metrics else {}
         return {"updates": float(len(metrics)), "transitions": float(len(new)), **means}
 
     def weights(self) -> dict[str, NDArray[np.float32]]:
@@ -108,9 +106,7 @@ class Trainer:
                 raise ValueError(f"tensor {name} is unknown here: this is not the state of a trainer")
             parts[part][rest] = array
         if different := sorted(set(parts["trainer"]) ^ set(COUNTERS)):
-            raise ValueError(
-                f"tensor trainer/{different[0]} is missing or unknown: wants {', '.join(COUNTERS)}"
-            )
+            raise ValueError(f"tensor trainer/{different[0]} is missing or unknown: wants {', '.join(COUNTERS)}")
         self._algorithm.restore(parts["algorithm"])
         self._replay.restore(parts["replay"])
         self._counters = {name: int(parts["trainer"][name]) for name in COUNTERS}

@@ -87,9 +87,7 @@ class Dqn:
         self._network = network
         self._target = None if config.target_tau is None else copy.deepcopy(network).requires_grad_(False)
         self._adam = torch.optim.Adam(network.parameters(), lr=config.learning_rate, fused=True)
-        for (
-            parameter
-        ) in network.parameters():  # now, not on the first step, so that a state always has all tensors
+        for parameter in network.parameters():  # now, not on the first step, so that a state always has all tensors
             self._adam.state[parameter] = {
                 "step": torch.zeros(()),
                 "exp_avg": torch.zeros_like(parameter),

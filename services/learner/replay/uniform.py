@@ -92,9 +92,7 @@ class UniformReplay:
                 range.
         """
         if different := sorted(set(state) ^ {*FIELDS, "cursor"}):
-            raise ValueError(
-                f"replay: tensor {different[0]} is {'unknown' if different[0] in state else 'missing'}"
-            )
+            raise ValueError(f"replay: tensor {different[0]} is {'unknown' if different[0] in state else 'missing'}")
         size, cursor = len(state["action_tm1"]), int(state["cursor"])
         if size > self._capacity:
             raise ValueError(f"replay: action_tm1 holds {size} transitions, the capacity is {self._capacity}")

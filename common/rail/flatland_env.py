@@ -1,0 +1,176 @@
+"""A flatland-rl 4.3.0 environment whose level is given: the study's rewards and start, no time windows.
+
+Source: `RailEnv` of flatland-rl 4.3.0 through its own extension points (generators, rewards, effects,
+subclasses). What the study does not need (observations, infos, fractional speeds, malfunctions) is left out, for
+speed.
+"""
+
+import random
+from collections.abc import Sequence
+from fractions import Fraction
+from functools import lru_cache
+from types import MethodType
+from typing import Any
+
+import numpy as np
+from flatland.core.effects_generator import EffectsGenerator
+from flatland.core.env_observation_builder import DummyObservationBuilder
+from flatland.core.grid.grid4 import Grid4TransitionsEnum
+from flatland.envs.rail_env import RailEnv
+from flatland.envs.rail_env_action import RailEnvActions
+from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
+from flatland.envs.rail_trainrun_data_structures import Waypoint
+from flatland.envs.rewards import Rewards
+from flatland.envs.step_utils.speed_counter import SpeedCounter
+from flatland.envs.step_utils.states import TrainState
+from flatland.envs.timetable_utils import Line, Timetable
+
+from common.levels.level import Level
+from common.rail.world import DO_NOTHING, MOVE_FORWARD, STOP_MOVING
+
+ACTIONS = [RailEnvActions.from_value(action) for action in range(5)]
+
+
+class StudyRewards(Rewards[float]):
+    """-1 a step until arrival, 0 from then on; 1 more for all on the step that the last train arrives."""
+
+    def step_reward(self, agent: Any, *_args: Any, **_kwargs: Any) -> float:
+        return 0.0 if agent.state == TrainState.DONE else -1.0
+
+    def end_of_episode_reward(self, agent: Any, distance_map: Any, elapsed_steps: int) -> float:  # noqa: ARG002
+        return 1.0 if all(other.state == TrainState.DONE for other in distance_map.agents) else 0.0
+
+    def cumulate(self, *rewards: float) -> float:
+        return sum(rewards)
+
+    def empty(self) -> float:
+        return 0.0
+
+
+class _UnitSpeed(SpeedCounter):
+    """A train of speed 1 is always at the end of a cell; saying so spares the arithmetic of fractions."""
+
+    def __init__(self) -> None:
+        super().__init__(1)
+
+    def step(self, speed: Fraction | None = None) -> None:
+        if speed is not None:
+            self._speed = speed
+
+    def is_cell_exit(self, speed: Fraction) -> bool:
+        return speed.numerator > 0
+
+
+class _StartReady(EffectsGenerator[RailEnv]):
+    """4.3.0 spends the first step on becoming ready to depart; 2.2.2 starts so."""
+
+    def on_episode_start(self, env: RailEnv, *_args: Any, **_kwargs: Any) -> RailEnv:
+        agents: list[Any] = env.agents
+        for agent in agents:
+            agent.state_machine.set_state(TrainState.READY_TO_DEPART)
+            agent.speed_counter = _UnitSpeed()
+        return env
+
+
+class _LevelRail(RailGridTransitionMap):
+    """The rails of a level, with caches that go when it goes.
+
+    The library's caches are shared by all maps, and keep every map that they ever saw.
+    """
+
+    def __init__(self, level: Level) -> None:
+        height, width = level.grid.shape
+        super().__init__(width, height, grid=level.grid.copy())
+        for owner in reversed(RailGridTransitionMap.__mro__):
+            for name, member in vars(owner).items():
+                if hasattr(member, "cache_clear"):
+                    setattr(self, name, lru_cache(maxsize=None)(MethodType(member.__wrapped__, self)))
+
+
+class LevelEnv(RailEnv):
+    """A `RailEnv` that plays a `Level`; it may be loaded with another one, of any size, at any time."""
+
+    def __init__(self, level: Level) -> None:
+        self._level = level
+        height, width = level.grid.shape
+        state = random.getstate()
+        super().__init__(
+            width,
+            height,
+            rail_generator=lambda *_args: (_LevelRail(self._level), None),
+            line_generator=lambda rail, *_args: _line(self._level, rail),
+            timetable_generator=lambda *_args: _timetable(self._level),
+            obs_builder_object=DummyObservationBuilder(),  # type: ignore[no-untyped-call]
+            rewards=StudyRewards(),
+            random_seed=0,
+            acceleration_delta=Fraction(1),  # the default, a float, is converted in every step
+            braking_delta=Fraction(-1),
+        )
+        random.setstate(state)  # the library seeds the interpreter's own generator
+        self.effects_generator: EffectsGenerator[RailEnv] = _StartReady()  # in place of malfunctions
+        self.load(level)
+
+    def load(self, level: Level) -> None:
+        """Start an episode of `level`."""
+        self._level = level
+        self.agent_positions = np.full(level.grid.shape, -1)  # the library makes it once and never clears it
+        self.reset()
+
+    def get_info_dict(self) -> dict[str, Any]:
+        """Nobody asks for it, and it would take a tenth of a step."""
+        return {}
+
+
+def _line(level: Level, rail: RailGridTransitionMap) -> Line:
+    waypoints = {}
+    for train in range(level.n_trains):
+        row, column, heading = level.starts[train].tolist()
+        target = tuple(level.targets[train].tolist())
+        start = Waypoint((row, column), Grid4TransitionsEnum(heading))
+        ends = [Waypoint(target, way) for way in Grid4TransitionsEnum if rail.is_valid_configuration((target, way))]
+        waypoints[train] = [[start], ends]
+    return Line(agent_waypoints=waypoints, agent_speeds=[1.0] * level.n_trains)
+
+
+def _timetable(level: Level) -> Timetable:
+    """Every train may depart at once, and has until the step limit."""
+    departures: list[Any] = [[0, None]] * level.n_trains
+    arrivals: list[Any] = [[None, level.max_steps]] * level.n_trains
+    return Timetable(departures, arrivals, level.max_steps)
+
+
+class LegacyActions:
+    """What a train of 2.2.2 does, said to 4.3.0 (speed 1, no malfunctions).
+
+    A train that tried to move and was blocked stays `committed` to its action until it moves. A train that is
+    not moving (just departed, stopped, or facing a switch without a way) stays so on DO_NOTHING; otherwise
+    DO_NOTHING drives on.
+    """
+
+    def __init__(self, env: LevelEnv) -> None:
+        self._env: Any = env
+        self._moving = [False] * len(env.agents)
+        self.committed: list[int | None] = [None] * len(env.agents)
+
+    def step(self, actions: Sequence[int]) -> None:
+        """Step the environment with an action a train."""
+        agents = self._env.agents
+        before = [agent.current_configuration for agent in agents]
+        sent = [self._translate(train, here, actions[train]) for train, here in enumerate(before)]
+        self._env.step({train: ACTIONS[action] for train, action in enumerate(sent)})
+        for train, here in enumerate(before):
+            blocked = self._moving[train] and agents[train].current_configuration == here
+            self.committed[train] = sent[train] if blocked else None
+
+    def _translate(self, train: int, here: Any, action: int) -> int:
+        if here is None:  # off the map 4.3.0 does as 2.2.2 did
+            self._moving[train] = False
+            return action
+        committed = self.committed[train]
+        if committed is not None:
+            action = committed
+        elif action == DO_NOTHING:
+            action = MOVE_FORWARD if self._moving[train] else STOP_MOVING
+        has_way = self._env.rail.apply_action_independent(ACTIONS[action], here) is not None
+        self._moving[train] = has_way and action != STOP_MOVING
+        return action

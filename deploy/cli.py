@@ -1,0 +1,29 @@
+"""The railctl command line: one verb a file in `deploy.commands`."""
+
+import typer
+
+from deploy.commands.checkpoint import checkpoint
+from deploy.commands.doctor import doctor
+from deploy.commands.down import down
+from deploy.commands.logs import logs
+from deploy.commands.pause import pause
+from deploy.commands.resume import resume
+from deploy.commands.scale import scale
+from deploy.commands.status import status
+from deploy.commands.tail import tail
+from deploy.commands.up import up
+
+app = typer.Typer(
+    help="Train train dispatchers: an exact, distributed actor-learner system for Flatland.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for verb in (up, status, tail, logs, scale, pause, resume, checkpoint, down, doctor):
+    app.command()(verb)
+
+
+def main() -> None:
+    """Run the command line."""
+    app()

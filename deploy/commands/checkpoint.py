@@ -1,0 +1,10 @@
+"""railctl checkpoint: write a checkpoint and a snapshot now."""
+
+from deploy.commands.learner import ask_learner
+from deploy.output import AsJson, RunName, one_line_errors
+
+
+@one_line_errors
+def checkpoint(run: RunName = None, as_json: AsJson = False) -> None:
+    """Write a checkpoint and a snapshot now; the checkpoint is evaluated like any other."""
+    ask_learner(run, "checkpoint", as_json=as_json)

@@ -1,0 +1,67 @@
+"""railctl down: stop a run cleanly; `railctl up` goes on with it."""
+
+import os
+import signal
+from typing import Annotated
+
+import typer
+
+from common.bus import NoAnswer
+from common.process import RunFolder, holder, living
+from common.records import Empty
+from common.wire import keys
+from deploy.follow import wait_until
+from deploy.output import AsJson, RunName, one_line_errors, say
+from deploy.runs import Failed, find_run, reach, supervised
+from deploy.supervisor import STAGES
+
+ASK_TIMEOUT_S = 3.0
+PATIENCE_S = 75.0
+FORCED_PATIENCE_S = 5.0
+
+
+@one_line_errors
+def down(
+    run: RunName = None,
+    force: Annotated[bool, typer.Option("--force", help="Do not wait for clean ends.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Stop every process of a run; the learner writes a snapshot first, so that nothing is lost."""
+    folder = find_run(run)
+    if not living(folder):
+        say(f"run {folder.path.name} is not running", {"done": True, "text": "not running"}, as_json=as_json)
+        return
+    if supervised(folder):
+        _ask(folder)
+        if force:
+            _ask(folder)
+        if not wait_until(lambda: not supervised(folder), PATIENCE_S):
+            raise Failed(f"run {folder.path.name} does not stop: railctl down --force {folder.path.name}")
+    _end_the_rest(folder, force=force)
+    text = f"run {folder.path.name} is down; railctl up --name {folder.path.name} goes on"
+    say(text, {"done": True, "text": text}, as_json=as_json)
+
+
+def _ask(folder: RunFolder) -> None:
+    try:
+        with reach(folder) as bus:
+            bus.ask(keys.STOP, Empty(), ASK_TIMEOUT_S)
+    except NoAnswer:  # its router is away
+        if pid := holder(folder, "supervisor"):
+            os.kill(pid, signal.SIGTERM)
+
+
+def _end_the_rest(folder: RunFolder, *, force: bool) -> None:
+    """End what a killed supervisor left behind, in the supervisor's order."""
+    for roles in STAGES:
+        for number, patience_s in ((signal.SIGTERM, PATIENCE_S / 3), (signal.SIGKILL, FORCED_PATIENCE_S)):
+            if force and number == signal.SIGTERM:
+                continue
+            for pid in _of(folder, roles).values():
+                os.kill(pid, number)
+            if wait_until(lambda roles=roles: not _of(folder, roles), patience_s):  # type: ignore[misc]
+                break
+
+
+def _of(folder: RunFolder, roles: tuple[str, ...]) -> dict[str, int]:
+    return {name: pid for name, pid in living(folder).items() if name.partition("-")[0] in roles}

@@ -1,0 +1,10 @@
+"""railctl pause: hold a run: no new episodes, processes stay."""
+
+from deploy.commands.learner import ask_learner
+from deploy.output import AsJson, RunName, one_line_errors
+
+
+@one_line_errors
+def pause(run: RunName = None, as_json: AsJson = False) -> None:
+    """Hold a run: running episodes are finished, no new ones begin. It stays paused until railctl resume."""
+    ask_learner(run, "pause", as_json=as_json)

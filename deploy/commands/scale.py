@@ -1,0 +1,39 @@
+"""railctl scale: more or fewer actors while training goes on."""
+
+from typing import Annotated
+
+import typer
+
+from common.process import RunFolder
+from common.records import ScaleRequest
+from common.wire import keys
+from deploy.output import AsJson, one_line_errors, say
+from deploy.resolve import parse_actors
+from deploy.runs import Failed, find_run, reach
+
+TIMEOUT_S = 5.0
+
+
+@one_line_errors
+def scale(
+    run: Annotated[str, typer.Argument(metavar="RUN", help="Name or folder of the run.")],
+    counts: Annotated[list[str], typer.Argument(metavar="LEVEL=COUNT...", help="For example easy=3 hard=1.")],
+    as_json: AsJson = False,
+) -> None:
+    """Change how many actors serve each difficulty; those not named stay as they are."""
+    text = scale_to(find_run(run), parse_actors(",".join(counts)))
+    say(text, {"done": True, "text": text}, as_json=as_json)
+
+
+def scale_to(folder: RunFolder, counts: dict[str, int]) -> str:
+    """Ask the supervisor for these counts; returns its answer.
+
+    Raises:
+        Failed: it refused.
+        NoAnswer: it is not there.
+    """
+    with reach(folder) as bus:
+        answer = bus.ask(keys.SCALE, ScaleRequest.model_validate({"actors": counts}), TIMEOUT_S)
+    if not answer.done:
+        raise Failed(answer.text)
+    return answer.text

@@ -1,0 +1,93 @@
+"""railctl up: start a run, or go on with one, and show it until it ends."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from common.config import RunConfig
+from common.process import RunFolder
+from common.records import EpisodeRow, EvaluationRow
+from common.rows import read_rows
+from deploy.commands.scale import scale_to
+from deploy.follow import outcome_of
+from deploy.launch import check_existing, draw_curve, fresh_name, new_run, save_config, start_supervisor
+from deploy.output import console, one_line_errors
+from deploy.resolve import merge, parse_actors, parse_sets, read_file, resolve, resolve_existing
+from deploy.runs import Failed, runs_root, supervised
+from deploy.show import summary
+from deploy.watch import watch
+
+
+@one_line_errors
+def up(
+    file: Annotated[Path | None, typer.Option("--file", "-f", help="Run file (YAML).")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the run; an existing one goes on.")] = None,
+    algorithm: Annotated[str | None, typer.Option(help="Algorithm preset.  [default: dddqn]")] = None,
+    level: Annotated[str | None, typer.Option(help="easy, medium or hard.  [default: easy]")] = None,
+    actors: Annotated[str | None, typer.Option(help="Actors, as easy=2,hard=1 or any=2.  [default: one a level]")] = None,
+    episodes: Annotated[int | None, typer.Option(help="Episodes to train.  [default: 1500]")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of everything random.  [default: 1]")] = None,
+    lag: Annotated[int | None, typer.Option(help="Episodes that run ahead of training.  [default: 0]")] = None,
+    cores: Annotated[int | None, typer.Option(help="Cores that all processes share.  [default: 2]")] = None,
+    engine: Annotated[str | None, typer.Option(help="World engine.  [default: flatland]")] = None,
+    settings: Annotated[list[str] | None, typer.Option("--set", help="Any setting, as key=value.")] = None,
+    detach: Annotated[bool, typer.Option("--detach", help="Return at once; attach with railctl tail.")] = False,
+) -> None:
+    """Start a run or go on with one: router, learner, actors, evaluator and their supervisor."""
+    given: dict[str, Any] = {} if file is None else read_file(file)
+    options = {
+        "algorithm": algorithm, "level": level, "episodes": episodes, "seed": seed, "lag": lag, "engine": engine,
+        "cluster": {"actors": parse_actors(actors) if actors else None, "cores": cores},
+    }
+    given = merge(merge(given, without_none(options)), parse_sets(settings or []))
+    folder, config = prepare(name, given)
+    if supervised(folder):
+        console.print(f"run {folder.path.name} is running already", markup=False)
+        if actors:
+            console.print(scale_to(folder, parse_actors(actors)), markup=False)
+    else:
+        start_supervisor(folder, config)
+    console.print(f"run {folder.path.name} in {folder.path}", markup=False, soft_wrap=True)
+    if detach:
+        console.print(f"follow it with: railctl tail {folder.path.name}", markup=False, soft_wrap=True)
+        return
+    watch(folder)
+    conclude(folder)
+
+
+def without_none(options: dict[str, Any]) -> dict[str, Any]:
+    """Only what was given."""
+    kept = {key: without_none(value) if isinstance(value, dict) else value for key, value in options.items()}
+    return {key: value for key, value in kept.items() if value is not None and value != {}}
+
+
+def prepare(name: str | None, given: dict[str, Any]) -> tuple[RunFolder, RunConfig]:
+    """The folder and configuration of a new run, or of the one that has this name."""
+    if name is None or not (runs_root() / name / "config.yaml").exists():
+        config = resolve(given)
+        return new_run(name or fresh_name(config), config), config
+    folder = RunFolder(runs_root() / name)
+    config = resolve_existing(folder.config(), given, name)
+    if not supervised(folder):
+        check_existing(folder, config)
+        save_config(folder, config)
+    return folder, config
+
+
+def conclude(folder: RunFolder) -> None:
+    """Print how a run ended: its table, folder and picture.
+
+    Raises:
+        Failed: the run failed.
+    """
+    outcome, reason = outcome_of(folder)
+    episodes = read_rows(folder.episodes_file, EpisodeRow)
+    if episodes:
+        console.print(summary(episodes, read_rows(folder.evaluations_file, EvaluationRow)))
+        console.print(f"curve    {draw_curve(folder)}", markup=False, soft_wrap=True)
+    console.print(f"run      {folder.path}", markup=False, soft_wrap=True)
+    if outcome == "failed":
+        raise Failed(reason)
+    if outcome == "stopped":
+        console.print(f"stopped after {len(episodes)} episodes; railctl up --name {folder.path.name} goes on", markup=False, soft_wrap=True)

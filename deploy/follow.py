@@ -1,0 +1,153 @@
+"""Following a run from outside: its status, and its rows in order with nothing left out, from the first or from now."""
+
+import json
+import queue
+import time
+from collections.abc import Callable
+from functools import partial
+
+from common.bus import Bus, NoAnswer
+from common.process import RunFolder, living
+from common.records import Empty, EpisodeRow, EvaluationRow, HistoryRequest, ProcessStatus, Progress, RunState, Status
+from common.rows import read_rows
+from common.wire import keys
+
+ASK_TIMEOUT_S = 3.0
+Row = EpisodeRow | EvaluationRow
+
+
+def live_status(bus: Bus) -> Status:
+    """The status as the supervisor tells it.
+
+    Raises:
+        NoAnswer: it does not answer.
+    """
+    return bus.ask(keys.STATUS, Empty(), ASK_TIMEOUT_S)
+
+
+def status_from_files(folder: RunFolder) -> Status:
+    """The status of a run whose supervisor does not answer."""
+    config = folder.config()
+    episodes = read_rows(folder.episodes_file, EpisodeRow)
+    evaluations = read_rows(folder.evaluations_file, EvaluationRow)
+    checkpoints = len(list(folder.checkpoints.glob("*.safetensors"))) * len(config.mix)
+    snapshots = [int(path.stem) for path in folder.snapshots.glob("*.safetensors")]
+    recent = [row.normalised_return for row in episodes[-100:]]
+    alive = living(folder)
+    outcome, reason = outcome_of(folder)
+    return Status(
+        run=folder.path.name,
+        path=str(folder.path),
+        state="unsupervised" if alive else outcome,
+        algorithm=config.algorithm,
+        episodes=config.episodes,
+        supervisor_pid=alive.get("supervisor"),
+        progress=Progress(
+            done=len(episodes), leased=0, waiting={}, weights_version=len(episodes),
+            snapshot=max(snapshots, default=0), evaluations=len(evaluations), evaluations_due=checkpoints,
+            return_last_100=sum(recent) / len(recent) if recent else None,
+            episodes_per_s=0.0, steps_per_s=0.0, refused=0, duplicates=0, reissued=0,
+        ),
+        time_left_s=None,
+        problems=[reason] if reason else [],
+        processes=[_unsupervised(name, pid) for name, pid in alive.items() if name != "supervisor"],
+    )
+
+
+def outcome_of(folder: RunFolder) -> tuple[RunState, str]:
+    """How a run that is not running ended, and why."""
+    try:
+        data = json.loads(folder.outcome_file.read_text())
+    except (OSError, ValueError):
+        return "stopped", "its supervisor ended without a word: railctl up resumes the run"
+    return data["outcome"], data["reason"]
+
+
+def _unsupervised(name: str, pid: int) -> ProcessStatus:
+    role, _, rest = name.partition("-")
+    return ProcessStatus.model_validate(
+        {
+            "process": name, "role": role, "difficulty": rest.partition("-")[0] or None, "pid": pid,
+            "state": "unsupervised", "restarts": 0, "last_heartbeat_unix_s": None,
+        }
+    )
+
+
+class Rows:
+    """The rows of a running run: all of history, then what comes, each once and in order."""
+
+    def __init__(self, folder: RunFolder, bus: Bus) -> None:
+        self._folder = folder
+        self._bus = bus
+        self._episodes = 0
+        self._evaluations = 0
+        self._fresh: queue.SimpleQueue[Callable[[], list[Row]]] = queue.SimpleQueue()
+        bus.subscribe(keys.EPISODE_ROWS, lambda row: self._fresh.put(partial(self._on_episode, row)))
+        bus.subscribe(keys.EVALUATION_ROWS, lambda _row: self._fresh.put(self._new_evaluations))
+
+    def history(self) -> list[Row]:
+        """Everything up to now, evaluations after the episodes that they are of."""
+        rows: list[Row] = [*self._new_episodes(), *self._new_evaluations()]
+        return sorted(rows, key=_place)
+
+    def next(self, timeout_s: float) -> list[Row]:
+        """What has come since, waiting a while for it."""
+        try:
+            return self._fresh.get(timeout=timeout_s)()
+        except queue.Empty:
+            return []
+
+    def rest(self) -> list[Row]:
+        """What is still missing when the cluster is gone, from the files."""
+        return rows_from_files(self._folder, self._episodes, self._evaluations)
+
+    def _on_episode(self, row: EpisodeRow) -> list[Row]:
+        if row.episode < self._episodes:
+            return []  # trained again after a restart: the same row
+        if row.episode > self._episodes:
+            return list(self._new_episodes())  # some got lost on the way
+        self._episodes += 1
+        return [row]
+
+    def _new_episodes(self) -> list[EpisodeRow]:
+        found: list[EpisodeRow] = []
+        try:
+            while True:
+                answer = self._bus.ask(keys.EPISODE_HISTORY, HistoryRequest(first=self._episodes), ASK_TIMEOUT_S)
+                found += answer.rows
+                self._episodes += len(answer.rows)
+                if not answer.rows or self._episodes >= answer.total:
+                    return found
+        except NoAnswer:
+            return found  # the learner is away; the next row, or the file, brings what is missing
+
+    def _new_evaluations(self) -> list[Row]:
+        try:
+            answer = self._bus.ask(keys.EVALUATION_HISTORY, HistoryRequest(first=self._evaluations), ASK_TIMEOUT_S)
+        except NoAnswer:
+            return []
+        self._evaluations += len(answer.rows)
+        return list(answer.rows)
+
+
+def rows_from_files(folder: RunFolder, episodes: int = 0, evaluations: int = 0) -> list[Row]:
+    """All rows on disk but the first `episodes` and `evaluations`, evaluations after the episodes that they are of."""
+    rows: list[Row] = [
+        *read_rows(folder.episodes_file, EpisodeRow)[episodes:],
+        *read_rows(folder.evaluations_file, EvaluationRow)[evaluations:],
+    ]
+    return sorted(rows, key=_place)
+
+
+def wait_until(come_true: Callable[[], bool], patience_s: float) -> bool:
+    """Wait for something to come true; false if it does not in time."""
+    deadline = time.monotonic() + patience_s
+    while not come_true():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.05)
+    return True
+
+
+def _place(row: Row) -> tuple[int, int]:
+    return (row.episode, 1) if isinstance(row, EpisodeRow) else (row.episode - 1, 2)

@@ -1,0 +1,169 @@
+"""From a checked configuration to a supervised cluster. Every check comes before the first file or process."""
+
+import json
+import os
+import random
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import time
+import uuid
+from datetime import datetime
+from pathlib import Path
+
+import yaml
+
+from common import checkpoint
+from common.checkpoint import CheckpointError
+from common.config import ConfigError, RunConfig
+from common.process import RunFolder, living, write_atomically
+from deploy.plan import ENVIRONMENT
+from deploy.runs import Failed, runs_root, supervised
+
+LOOPBACK = "127.0.0.1"
+PORTS = range(10_000, 32_000)  # below the ports that systems give to outgoing connections
+NAME_FORM = re.compile(r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$")
+START_TIMEOUT_S = 10.0
+
+
+def fresh_name(config: RunConfig) -> str:
+    """A name for a run that was given none."""
+    stem = f"{config.algorithm}-{'-'.join(config.mix)}-seed{config.seed}-{datetime.now():%Y%m%d-%H%M%S}"  # noqa: DTZ005  (the user's clock)
+    name, number = stem, 2
+    while (runs_root() / name).exists():
+        name, number = f"{stem}-{number}", number + 1
+    return name
+
+
+def new_run(name: str, config: RunConfig) -> RunFolder:
+    """Make the folder of a new run, whole or not at all.
+
+    Raises:
+        ConfigError: the name is not one.
+        Failed: this machine cannot run it.
+    """
+    if not NAME_FORM.match(name):
+        raise ConfigError(f"--name {name!r}: use letters, digits, '.', '_' and '-', at most 100")
+    check_machine(config)
+    path = runs_root() / name
+    temporary = path.with_name(f".{name}.{os.getpid()}")
+    try:
+        temporary.mkdir(parents=True)
+        save_config(RunFolder(temporary), config)
+        (temporary / "logs").mkdir()
+        temporary.rename(path)
+    except OSError as error:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise Failed(f"cannot create {path}: {error.strerror}: set RAILCTL_RUNS to a folder that you may write") from None
+    return RunFolder(path)
+
+
+def check_existing(folder: RunFolder, config: RunConfig) -> None:
+    """See that a run can go on before anything is started or changed.
+
+    Raises:
+        Failed: this machine cannot run it, its folder is read-only, or its newest snapshot is damaged.
+    """
+    check_machine(config)
+    if not os.access(folder.path, os.W_OK):
+        raise Failed(f"cannot write to {folder.path}: make it writable, or copy the run to another folder")
+    newest = max(folder.snapshots.glob("*.safetensors"), default=None)
+    if newest is not None:
+        try:
+            checkpoint.load(newest, "snapshot")
+        except CheckpointError as error:
+            raise Failed(str(error)) from None
+
+
+def check_machine(config: RunConfig) -> None:
+    """Raises Failed if the machine lacks the cores, or the port is in use."""
+    cores = len(os.sched_getaffinity(0))
+    if config.cluster.cores > cores:
+        raise Failed(f"cluster.cores is {config.cluster.cores} and this machine offers {cores}: use --cores {cores}")
+    port = config.cluster.port
+    if port and not _is_free(port):
+        raise Failed(f"cluster.port {port} is in use: choose another one, or 0 for any")
+
+
+def save_config(folder: RunFolder, config: RunConfig) -> None:
+    """Write the resolved configuration."""
+    text = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+    write_atomically(folder.config_file, text)
+
+
+def start_supervisor(folder: RunFolder, config: RunConfig) -> int:
+    """Start the supervisor of a run that has none; it takes over processes that live. Returns its pid.
+
+    Raises:
+        Failed: it ended at once.
+    """
+    if not living(folder):
+        write_cluster_file(folder, config)
+    folder.outcome_file.unlink(missing_ok=True)
+    folder.logs.mkdir(exist_ok=True)
+    with (folder.logs / "supervisor.log").open("ab") as output:
+        child = subprocess.Popen(
+            [sys.executable, "-m", "deploy.supervise", "--run", str(folder.path.resolve())],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env=os.environ | ENVIRONMENT,
+            start_new_session=True,
+        )
+    deadline = time.monotonic() + START_TIMEOUT_S
+    while not supervised(folder):
+        if child.poll() is not None or time.monotonic() > deadline:
+            lines = (folder.logs / "supervisor.log").read_text().splitlines() or ["it left no word"]
+            raise Failed(f"the supervisor did not start: {lines[-1]}")
+        time.sleep(0.05)
+    return child.pid
+
+
+def write_cluster_file(folder: RunFolder, config: RunConfig) -> None:
+    """Fix where the router listens, the run's key prefix, and how many actors there are at first."""
+    try:
+        namespace = json.loads(folder.cluster_file.read_text())["namespace"]
+    except (OSError, ValueError, KeyError):
+        namespace = f"railctl/{uuid.uuid4().hex[:12]}"
+    port = config.cluster.port or free_port()
+    cluster = {
+        "endpoint": f"tcp/{LOOPBACK}:{port}",
+        "namespace": namespace,
+        "actors": dict(config.cluster.actors),
+    }
+    write_atomically(folder.cluster_file, json.dumps(cluster, indent=2))
+
+
+def free_port() -> int:
+    """A loopback port that nobody listens on."""
+    for port in random.sample(PORTS, len(PORTS)):
+        if _is_free(port):
+            return port
+    raise Failed("no free port on the loopback: stop some servers")
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((LOOPBACK, port))
+        except OSError:
+            return False
+    return True
+
+
+def draw_curve(folder: RunFolder) -> Path:
+    """Draw the run's learning curve; returns the picture's path.
+
+    Raises:
+        Failed: it could not be drawn.
+    """
+    done = subprocess.run(
+        [sys.executable, "-m", "services.evaluator.curve", "--run", str(folder.path)],
+        capture_output=True, text=True, check=False,
+    )
+    if done.returncode:
+        raise Failed(f"the curve could not be drawn: {(done.stderr.splitlines() or ['no reason given'])[-1]}")
+    return Path(done.stdout.strip())

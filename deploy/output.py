@@ -1,0 +1,57 @@
+"""How commands speak: text for people, one JSON document for programs, one line for errors."""
+
+import json
+import sys
+from collections.abc import Callable
+from functools import wraps
+from typing import Annotated, Any, NoReturn, ParamSpec
+
+import typer
+from rich.console import Console
+
+from common.bus import NoAnswer
+from common.config import ConfigError
+from common.process import Fatal
+from common.rows import DamagedRows
+from deploy.runs import Failed
+
+P = ParamSpec("P")
+FAILED, WRONG_USAGE = 1, 2
+
+console = Console(highlight=False)
+
+RunName = Annotated[str | None, typer.Argument(metavar="RUN", help="Name or folder of the run; default: the newest.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
+
+
+def say(text: str, document: Any, *, as_json: bool) -> None:
+    """Print for a person or for a program."""
+    if as_json:
+        print(json.dumps(document, indent=2))
+    else:
+        console.print(text, markup=False, soft_wrap=True)
+
+
+def one_line_errors(command: Callable[P, None]) -> Callable[P, None]:
+    """Turn what goes wrong into one line on stderr and an exit code: 2 for wrong usage, 1 for failure."""
+
+    @wraps(command)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            command(*args, **kwargs)
+        except ConfigError as error:
+            _end(str(error), WRONG_USAGE)
+        except (Failed, NoAnswer, Fatal, DamagedRows) as error:
+            _end(str(error), FAILED)
+        except PermissionError as error:
+            _end(f"{error.filename}: {error.strerror}: use a folder that you may read and write", FAILED)
+        except BrokenPipeError:
+            sys.stderr.close()  # the reader of our output has gone, as in `railctl tail | head`
+            sys.exit(0)
+
+    return wrapped
+
+
+def _end(text: str, code: int) -> NoReturn:
+    print(f"railctl: {text}", file=sys.stderr)
+    sys.exit(code)

@@ -1,0 +1,161 @@
+"""From what the user says to a checked configuration: preset, then file, then options, then `--set`."""
+
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from common.config import DIFFICULTIES, ConfigError, RunConfig, nearest, parse_config
+
+Plain = dict[str, Any]
+
+
+def algorithms() -> list[str]:
+    """The names of all presets."""
+    return sorted(path.name.removesuffix(".yaml") for path in files("deploy.presets").iterdir() if path.name.endswith(".yaml"))
+
+
+def resolve(given: Plain) -> RunConfig:
+    """The configuration of a new run from what was given, on top of its algorithm's preset.
+
+    Raises:
+        ConfigError: one line that names field, value and remedy.
+    """
+    algorithm = str(given.get("algorithm", "dddqn"))
+    if algorithm not in algorithms():
+        raise ConfigError(f"unknown algorithm {algorithm!r}{nearest(algorithm, algorithms())}")
+    preset: Plain = yaml.safe_load((files("deploy.presets") / f"{algorithm}.yaml").read_text())
+    by_level = preset.pop("levels")
+    given = with_mix(given)
+    mix = given.setdefault("mix", {"easy": 1.0})
+    hardest = max((level for level in mix if level in DIFFICULTIES), key=DIFFICULTIES.index, default="easy")
+    defaults = {
+        "algorithm": algorithm,
+        "episodes": 1500,
+        "cluster": {"actors": dict.fromkeys(mix, 1)},
+    }
+    merged = merge(merge(merge(defaults, preset), by_level[hardest]), given)
+    if "actors" in given.get("cluster", {}):  # named actors replace the default ones, they do not add to them
+        merged["cluster"]["actors"] = given["cluster"]["actors"]
+    return parse_config(merged)
+
+
+def resolve_existing(saved: RunConfig, given: Plain, name: str) -> RunConfig:
+    """The configuration to go on with: the saved one, with another cluster if one is given.
+
+    Raises:
+        ConfigError: what is given would make another run of it.
+    """
+    merged = merge(saved.model_dump(mode="json"), with_mix(given))
+    for field in ("mix",):
+        if field in with_mix(given):
+            merged[field] = with_mix(given)[field]
+    if "actors" in given.get("cluster", {}):
+        merged["cluster"]["actors"] = given["cluster"]["actors"]
+    config = parse_config(merged)
+    for field, before in flat(saved.science).items():
+        now = flat(config.science).get(field)
+        if now != before:
+            raise ConfigError(
+                f"run {name} exists with {field} {before}, not {now}: "
+                "leave the option out to go on with it, or give another --name"
+            )
+    return config
+
+
+def with_mix(given: Plain) -> Plain:
+    """`level: easy` is short for `mix: {easy: 1}`.
+
+    Raises:
+        ConfigError: both are given, or the level is unknown.
+    """
+    given = dict(given)
+    level = given.pop("level", None)
+    if level is None:
+        return given
+    if "mix" in given:
+        raise ConfigError("level and mix are both given: leave one out")
+    if level not in DIFFICULTIES:
+        raise ConfigError(f"unknown level {level!r}{nearest(str(level), list(DIFFICULTIES))}")
+    return given | {"mix": {level: 1.0}}
+
+
+def read_file(path: Path) -> Plain:
+    """A run file.
+
+    Raises:
+        ConfigError: it cannot be read, or is not a mapping.
+    """
+    try:
+        data = yaml.safe_load(path.read_text())
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}: give an existing YAML file with -f") from None
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(data, dict):
+        raise ConfigError(f"{path} holds no keys: write for example 'algorithm: dddqn'")
+    return data
+
+
+def parse_sets(settings: Sequence[str]) -> Plain:
+    """`a.b=1` as {"a": {"b": 1}}.
+
+    Raises:
+        ConfigError: a setting has no `=` or its value is not YAML.
+    """
+    result: Plain = {}
+    for setting in settings:
+        key, separator, value = setting.partition("=")
+        if not separator or not key:
+            raise ConfigError(f"--set {setting!r} is not key=value: write for example --set dqn.batch_size=64")
+        try:
+            plain: Any = yaml.safe_load(value)
+        except yaml.YAMLError:
+            raise ConfigError(f"--set {key}: {value!r} is not a YAML value") from None
+        for part in reversed(key.split(".")):
+            plain = {part: plain}
+        result = merge(result, plain)
+    return result
+
+
+def parse_actors(text: str) -> dict[str, int]:
+    """`easy=2,hard=1` as counts.
+
+    >>> parse_actors("easy=2,hard=1")
+    {'easy': 2, 'hard': 1}
+
+    Raises:
+        ConfigError: the text is not of this form.
+    """
+    counts = {}
+    for part in text.split(","):
+        level, separator, count = part.strip().partition("=")
+        if not separator or not count.isdigit():
+            raise ConfigError(f"actors {part!r} is not difficulty=count: write for example easy=2,hard=1")
+        if level not in (*DIFFICULTIES, "any"):
+            raise ConfigError(f"actors for unknown difficulty {level!r}{nearest(level, [*DIFFICULTIES, 'any'])}")
+        counts[level] = int(count)
+    return counts
+
+
+def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Plain:
+    """`above` laid over `below`, mapping by mapping."""
+    result = dict(below)
+    for key, value in above.items():
+        under = result.get(key)
+        result[key] = merge(under, value) if isinstance(under, dict) and isinstance(value, dict) else value
+    return result
+
+
+def flat(data: Mapping[str, Any], prefix: str = "") -> Plain:
+    """Nested keys as dotted ones.
+
+    >>> flat({"a": {"b": 1}, "c": 2})
+    {'a.b': 1, 'c': 2}
+    """
+    result: Plain = {}
+    for key, value in data.items():
+        result |= flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+    return result

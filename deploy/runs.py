@@ -1,0 +1,68 @@
+"""Finding runs on disk, and reaching their clusters."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from common.bus import Bus, NoAnswer, open_bus
+from common.config import ConfigError, nearest
+from common.process import RunFolder, holder, living
+
+CONNECT_TIMEOUT_S = 2.0
+
+
+class Failed(Exception):  # noqa: N818  (it ends a command)
+    """A command could not do what it was asked, though it was asked correctly; the text says why and what to do."""
+
+
+def runs_root() -> Path:
+    """Where runs lie: $RAILCTL_RUNS, or `runs` in the working directory."""
+    return Path(os.environ.get("RAILCTL_RUNS", "runs"))
+
+
+def all_runs() -> list[RunFolder]:
+    """All runs, the newest last."""
+    root = runs_root()
+    if not root.is_dir():
+        return []
+    found = [path for path in root.iterdir() if (path / "config.yaml").exists()]
+    return [RunFolder(path) for path in sorted(found, key=lambda path: (path / "config.yaml").stat().st_mtime)]
+
+
+def find_run(name: str | None) -> RunFolder:
+    """The run of this name or path; without a name the newest living one, or else the newest.
+
+    Raises:
+        ConfigError: there is no such run.
+    """
+    known = all_runs()
+    if name is None:
+        if not known:
+            raise ConfigError(f"there are no runs in {runs_root()}: start one with railctl up")
+        return next((run for run in reversed(known) if living(run)), known[-1])
+    for candidate in (runs_root() / name, Path(name)):
+        if (candidate / "config.yaml").exists():
+            return RunFolder(candidate)
+    if not known:
+        raise ConfigError(f"no run named {name!r}: there are no runs in {runs_root()}, start one with railctl up")
+    raise ConfigError(f"no run named {name!r}{nearest(name, [run.path.name for run in known])}")
+
+
+def supervised(folder: RunFolder) -> bool:
+    """Whether a supervisor looks after the run right now."""
+    return holder(folder, "supervisor") is not None
+
+
+@contextmanager
+def reach(folder: RunFolder) -> Iterator[Bus]:
+    """The bus of a run's cluster.
+
+    Raises:
+        NoAnswer: the cluster is not there.
+    """
+    endpoint, namespace = folder.endpoint_and_namespace()
+    if not living(folder):
+        raise NoAnswer(f"run {folder.path.name} is not running: railctl up --name {folder.path.name} resumes it")
+    with open_bus(endpoint, namespace, CONNECT_TIMEOUT_S) as bus:
+        yield bus

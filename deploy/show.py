@@ -1,0 +1,143 @@
+"""What a run looks like in a terminal."""
+
+import time
+from collections.abc import Sequence
+
+from rich.console import Group, RenderableType
+from rich.panel import Panel
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from common.records import EpisodeRow, EvaluationRow, Status
+
+SHOWN_EVALUATIONS = 8
+SHOWN_PROBLEMS = 3
+BLOCKS = 10
+STATE_STYLES = {"running": "green", "finished": "green", "failed": "bold red", "unsupervised": "red", "paused": "yellow"}
+
+
+def view(status: Status, evaluations: Sequence[EvaluationRow]) -> RenderableType:
+    """The live view: progress, evaluations, who is alive, what is wrong."""
+    parts: list[RenderableType] = [_progress(status)]
+    if evaluations:
+        parts.append(evaluation_table(evaluations[-SHOWN_EVALUATIONS:]))
+    parts.append(process_table(status))
+    parts += [Text(f"! {problem}", style="yellow") for problem in status.problems[-SHOWN_PROBLEMS:]]
+    return Panel(Group(*parts), title=f"railctl  {status.run}", subtitle="Ctrl-C stops cleanly", expand=False, width=100)
+
+
+def _progress(status: Status) -> RenderableType:
+    progress = status.progress
+    if progress is None:
+        return Text(status.state)
+    grid = Table.grid(padding=(0, 2))
+    bar = ProgressBar(total=status.episodes, completed=progress.done, width=40)
+    left = f"{duration(status.time_left_s)} left" if status.time_left_s else ""
+    grid.add_row(
+        Text(status.state, style=STATE_STYLES.get(status.state, "")), bar, f"{progress.done}/{status.episodes} episodes", left
+    )
+    line = (
+        f"return of the last 100: {number(progress.return_last_100)}    "
+        f"{progress.episodes_per_s:.1f} episodes/s  {progress.steps_per_s:.0f} steps/s    "
+        f"{progress.leased} leased  {sum(progress.waiting.values())} waiting    "
+        f"snapshot {progress.snapshot}"
+    )
+    return Group(grid, Text(line))
+
+
+def progress_line(status: Status) -> str:
+    """The live view in one line, for logs and pipes."""
+    progress = status.progress
+    if progress is None:
+        return f"{status.state} ..."
+    left = f"  {duration(status.time_left_s)} left" if status.time_left_s else ""
+    alive = sum(process.pid is not None for process in status.processes)
+    return (
+        f"{status.state}  {progress.done}/{status.episodes} episodes  return(100) {number(progress.return_last_100)}  "
+        f"{progress.episodes_per_s:.1f} ep/s  {progress.evaluations}/{progress.evaluations_due} evaluations  "
+        f"{alive} processes{left}"
+    )
+
+
+def process_table(status: Status) -> Table:
+    """Who is alive, and since when silent."""
+    table = Table("process", "serves", "pid", "state", "restarts", "last heartbeat", box=None, pad_edge=False)
+    for process in status.processes:
+        beat = process.last_heartbeat_unix_s
+        table.add_row(
+            process.process,
+            process.difficulty or "",
+            str(process.pid or "-"),
+            process.state,
+            str(process.restarts),
+            "-" if beat is None else f"{max(0.0, time.time() - beat):.0f} s ago",
+        )
+    return table
+
+
+def evaluation_table(rows: Sequence[EvaluationRow]) -> Table:
+    """Checkpoints and their scores."""
+    table = Table(
+        "checkpoint", "level", "greedy return", "trains arrived", "all arrived", "steps", box=None, pad_edge=False
+    )
+    for row in rows:
+        table.add_row(
+            str(row.episode), row.level, f"{row.normalised_return:.3f}", f"{row.arrived_share:.0%}",
+            f"{row.all_arrived_share:.0%}", f"{row.mean_steps:.0f}",
+        )
+    return table
+
+
+def summary(episodes: Sequence[EpisodeRow], evaluations: Sequence[EvaluationRow]) -> Table:
+    """A whole run: blocks of episodes beside the evaluation at their end."""
+    table = Table("episodes", "training return", "trains arrived", "steps", "greedy return", "all arrived", title="Summary")
+    size = max(1, -(-len(episodes) // BLOCKS))
+    scored = {row.episode: row for row in evaluations}
+    for first in range(0, len(episodes), size):
+        block = episodes[first : first + size]
+        end = block[-1].episode + 1
+        ends = [scored[e] for e in range(block[0].episode + 1, end + 1) if e in scored]
+        table.add_row(
+            f"{block[0].episode + 1}-{end}",
+            f"{mean([row.normalised_return for row in block]):.3f}",
+            f"{sum(row.arrived for row in block) / sum(row.trains for row in block):.0%}",
+            f"{mean([row.steps for row in block]):.0f}",
+            f"{ends[-1].normalised_return:.3f}" if ends else "",
+            f"{ends[-1].all_arrived_share:.0%}" if ends else "",
+        )
+    return table
+
+
+def row_line(row: EpisodeRow | EvaluationRow) -> str:
+    """A row of a tail."""
+    if isinstance(row, EpisodeRow):
+        return (
+            f"episode {row.episode:>6}  {row.level:<6}  return {row.normalised_return:7.3f}  arrived {row.arrived}/{row.trains}  "
+            f"steps {row.steps:>3}  epsilon {row.epsilon:.3f}  {row.actor}"
+        )
+    return (
+        f"checkpoint {row.episode:>3}  {row.level:<6}  greedy {row.normalised_return:7.3f}  "
+        f"arrived {row.arrived_share:.0%}  all arrived {row.all_arrived_share:.0%}  steps {row.mean_steps:.0f}"
+    )
+
+
+def number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+def mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values)
+
+
+def duration(seconds: float) -> str:
+    """Hours, minutes and seconds.
+
+    >>> duration(3725)
+    '1:02:05'
+    >>> duration(65)
+    '1:05'
+    """
+    minutes, rest = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

@@ -1,0 +1,91 @@
+"""The foreground of `railctl up`: a live view in a terminal, a line now and then elsewhere; Ctrl-C stops the run."""
+
+import os
+import signal
+import time
+from collections.abc import Callable
+
+from rich.live import Live
+from rich.text import Text
+
+from common.bus import Bus, NoAnswer
+from common.process import RunFolder, holder
+from common.records import EvaluationRow
+from deploy.follow import Rows, live_status
+from deploy.output import console
+from deploy.runs import Failed, reach, supervised
+from deploy.show import progress_line, row_line, view
+
+REFRESH_S = 0.5
+LINE_EVERY_S = 5.0
+STARTING_S = 30.0
+
+
+def watch(folder: RunFolder) -> None:
+    """Show a run until its supervisor ends. Ctrl-C asks for a clean stop, a second one forces it.
+
+    Raises:
+        Failed: the supervisor was killed.
+    """
+    follow = _in_terminal if console.is_terminal else _in_lines
+    while supervised(folder):
+        try:
+            with reach(folder) as bus:
+                follow(folder, bus)
+        except NoAnswer:
+            time.sleep(REFRESH_S / 5)  # the router is only starting, or is being started again
+        except KeyboardInterrupt:
+            _stop(folder)
+    if not folder.outcome_file.exists():
+        raise Failed(f"the supervisor was killed: railctl up --name {folder.path.name} takes over what lives")
+
+
+def _stop(folder: RunFolder) -> None:
+    pid = holder(folder, "supervisor")
+    if pid is not None:
+        console.print("stopping cleanly; Ctrl-C again forces it")
+        os.kill(pid, signal.SIGTERM)
+
+
+def _in_terminal(folder: RunFolder, bus: Bus) -> None:
+    evaluations: list[EvaluationRow] = []
+    with Live(console=console, refresh_per_second=4, transient=True) as live:
+        live.update(Text("starting ..."))
+        rows = Rows(folder, bus)
+
+        def show() -> None:
+            live.update(view(live_status(bus), evaluations))
+
+        _loop(folder, rows, evaluations.append, show, REFRESH_S)
+
+
+def _in_lines(folder: RunFolder, bus: Bus) -> None:
+    rows = Rows(folder, bus)
+    _loop(
+        folder,
+        rows,
+        lambda row: console.print(row_line(row), markup=False, soft_wrap=True),
+        lambda: console.print(progress_line(live_status(bus)), markup=False, soft_wrap=True),
+        LINE_EVERY_S,
+    )
+
+
+def _loop(
+    folder: RunFolder, rows: Rows, on_evaluation: Callable[[EvaluationRow], None], show: Callable[[], None], every_s: float
+) -> None:
+    due = 0.0
+    fresh = rows.history()
+    while True:
+        for row in fresh:
+            if isinstance(row, EvaluationRow):
+                on_evaluation(row)
+        if time.monotonic() >= due:
+            due = time.monotonic() + every_s
+            try:
+                show()
+            except NoAnswer:
+                if not supervised(folder):
+                    return
+        if not supervised(folder):
+            return
+        fresh = rows.next(REFRESH_S / 2)

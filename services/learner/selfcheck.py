@@ -1,0 +1,55 @@
+"""python -m services.learner.selfcheck: some updates on made-up episodes; prints a digest of the network they end in.
+
+Run in two fresh processes, the digests agree if this machine's arithmetic repeats. Buffers are shifted by a random
+number of bytes, since alignment is what makes unprepared arithmetic differ.
+"""
+
+import hashlib
+import os
+
+import numpy as np
+
+from common.config import DqnConfig, NetworkConfig
+from common.policy.determinism import deterministic_torch
+from common.records import Episode
+from services.learner.training import Trainer
+
+N_FEATURES, N_ACTIONS, TRAINS, STEPS, EPISODES = 252, 5, 3, 60, 6
+
+
+def made_up_episode(number: int) -> Episode:
+    """An episode whose content is a function of its number, in memory at a random alignment."""
+    rng = np.random.Generator(np.random.Philox(key=number))
+    decisions = TRAINS * STEPS
+    shift = os.urandom(1)[0] % 16
+    buffer = np.empty(shift + decisions * N_FEATURES, np.float32)
+    observations = buffer[shift:].reshape(decisions, N_FEATURES)
+    observations[:] = -rng.random((decisions, N_FEATURES), np.float32)
+    return Episode(
+        episode=number, level="easy", level_seed=number, level_hash="0" * 32, weights_version=number,
+        actor="selfcheck", acting_s=0.0, max_steps=STEPS, observations=observations,
+        times=np.repeat(np.arange(STEPS, dtype=np.int32), TRAINS),
+        trains=np.tile(np.arange(TRAINS, dtype=np.int32), STEPS),
+        actions=rng.integers(0, N_ACTIONS, decisions, np.int8),
+        rewards=np.full((STEPS, TRAINS), -1, np.float32),
+        arrived_at=np.full(TRAINS, -1, np.int32),
+        final_observations=np.zeros((TRAINS, N_FEATURES), np.float32),
+    )
+
+
+def main() -> None:
+    deterministic_torch()
+    trainer = Trainer(
+        seed=1, discount=0.99, network=NetworkConfig(dueling=True), n_features=N_FEATURES, n_actions=N_ACTIONS,
+        dqn=DqnConfig(learning_rate=3e-4, batch_size=150, learn_every_steps=5, replay_capacity=1000, target_tau=0.01),
+    )
+    for number in range(EPISODES):
+        trainer.train(made_up_episode(number))
+    state = hashlib.blake2b(digest_size=16)
+    for name, array in sorted(trainer.weights().items()):
+        state.update(name.encode() + array.tobytes())
+    print(state.hexdigest())  # noqa: T201  (its caller compares it)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""Each preset of deep Q-learning finds the optimal policy of a small world whose values are known.
+
+Four places; an action leads somewhere in some number of steps, each of which costs 1:
+
+    place 0: stay (1)      to 1 (1)      to 2 (5)
+    place 1: to 0 (1)      to 3 (6)      to 2 (1)
+    place 2: arrive (2)    to 0 (1)      stay (1)
+    place 3: stay (1)      arrive (1)    to 0 (2)
+
+So the shortest ways to arrive take 4, 3, 2 and 1 steps. From place 0 the way with the fewest decisions is not
+the shortest: whoever ignores how long a transition takes chooses wrongly.
+"""
+
+import numpy as np
+import pytest
+import torch
+
+from common.config import DqnConfig, NetworkConfig
+from common.policy.acting import EpsilonGreedy
+from common.records import Episode
+from common.seeding import stream_key
+from services.learner.training import Trainer
+
+ARRIVED = 4
+NEXT = ((0, 1, 2), (0, 3, 2), (ARRIVED, 0, 2), (3, ARRIVED, 0))
+STEPS = ((1, 1, 5), (1, 6, 1), (2, 1, 1), (1, 1, 2))
+BEST_ACTION = [1, 2, 0, 1]
+STEPS_LEFT = np.array([4, 3, 2, 1])
+DISCOUNT = 0.9
+LIMIT, TRAINS = 12, 2
+PLACES = np.eye(5, 4, dtype=np.float32) - 1  # observations in [-1, 0], as those of the railway
+POLICY = EpsilonGreedy(n_features=4, n_actions=3)
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+def act(number, network, epsilon):
+    """An episode of two trains, each in a world of its own, that choose as the real ones do.
+
+    The limit holds until no train is under way: its last observation is of a place.
+    """
+    choose = POLICY.in_episode(network, epsilon, stream_key(1, number, "explore"), TRAINS)
+    place = [(number + train) % 4 for train in range(TRAINS)]
+    free_at = [0] * TRAINS
+    decisions = []
+    step = 0
+    while max(free_at) > step or (step < LIMIT and set(place) != {ARRIVED}):
+        for train in range(TRAINS):
+            if place[train] == ARRIVED or free_at[train] > step:
+                continue
+            here = place[train]
+            action = choose(PLACES[here], step, train)
+            decisions.append((step, train, action, here))
+            free_at[train] += STEPS[here][action]
+            place[train] = NEXT[here][action]
+        step += 1
+    return as_episode(number, step, decisions, free_at, place)
+
+
+def as_episode(number, steps, decisions, free_at, place):
+    times, trains, actions, places = np.array(decisions).T
+    arrived = np.array(place) == ARRIVED
+    return Episode(
+        episode=number,
+        level="easy",
+        level_seed=1,
+        level_hash="0" * 32,
+        weights_version=number,
+        actor="a",
+        acting_s=0.0,
+        max_steps=steps,
+        observations=PLACES[places],
+        times=times.astype(np.int32),
+        trains=trains.astype(np.int32),
+        actions=actions.astype(np.int8),
+        rewards=-(np.arange(steps)[:, None] < np.array(free_at)).astype(np.float32),
+        arrived_at=np.where(arrived, np.array(free_at) - 1, -1).astype(np.int32),
+        final_observations=np.where(arrived[:, None], np.float32(0), PLACES[place]),
+    )
+
+
+PRESETS = {
+    "dqn": {"target_tau": None},
+    "ddqn": {"target_tau": 0.05},
+    "dddqn": {"target_tau": 0.05, "dueling": True},
+    "dddqn, classic rule": {"target_tau": 0.05, "dueling": True, "double": True},
+}
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_the_optimal_policy_and_its_values_are_found(preset):
+    switches = dict(PRESETS[preset])
+    trainer = Trainer(
+        seed=1,
+        discount=DISCOUNT,
+        network=NetworkConfig(hidden=(32, 32), dueling=switches.pop("dueling", False)),
+        dqn=DqnConfig(learning_rate=0.002, batch_size=32, learn_every_steps=2, replay_capacity=5000, **switches),
+        n_features=4,
+        n_actions=3,
+    )
+    for number in range(400):
+        trainer.train(act(number, trainer.network, epsilon=0.5))
+    values = np.array([POLICY.values(trainer.network, place) for place in PLACES[:4]])
+    assert values.argmax(-1).tolist() == BEST_ACTION
+    optimal = -(1 - DISCOUNT**STEPS_LEFT) / (1 - DISCOUNT)
+    np.testing.assert_allclose(values.max(-1), optimal, atol=0.15)

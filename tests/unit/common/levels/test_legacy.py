@@ -1,0 +1,128 @@
+"""Levels of the study: pure, feasible, and the same as the library's own slow way gives."""
+
+import os
+import random
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from flatland.envs.rail_generators import SparseRailGen
+from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
+
+from common.config import DIFFICULTIES, Difficulty
+from common.levels import legacy
+from common.levels.legacy import SPECS, InfeasibleLevelError, generate, max_episode_steps
+from common.rail.flatland_world import FlatlandWorld
+from common.seeding import evaluation_level_seed, training_level_seed
+
+LARGEST_SEED = 2**32 - 1
+HASHES = f"""
+from common.levels.legacy import generate
+for difficulty in {DIFFICULTIES}:
+    print(generate(difficulty, 5).content_hash, generate(difficulty, {LARGEST_SEED}).content_hash)
+"""
+
+
+@pytest.mark.parametrize("difficulty", DIFFICULTIES)
+def test_a_level_has_the_shape_of_table_5_1(difficulty: Difficulty):
+    level = generate(difficulty, 3)
+    assert level.grid.shape == (25, 25)
+    assert level.n_trains == {"easy": 3, "medium": 5, "hard": 7}[difficulty]
+    assert level.max_steps in {"easy": {412}, "medium": {420}, "hard": {418, 428}}[difficulty]
+    assert (level.grid.dtype, level.starts.dtype, level.targets.dtype) == (np.uint16, np.int32, np.int32)
+
+
+def test_the_step_limit_truncates():
+    assert [max_episode_steps(SPECS[name], SPECS[name].cities) for name in DIFFICULTIES] == [412, 420, 418]
+    assert max_episode_steps(SPECS["hard"], 2) == 428
+
+
+@pytest.mark.parametrize("difficulty", DIFFICULTIES)
+def test_every_train_can_reach_its_target(difficulty: Difficulty):
+    world = FlatlandWorld(slots=1, max_trains=7)
+    for seed in range(8):
+        level = generate(difficulty, seed)
+        world.load(0, level)
+        for train in range(level.n_trains):
+            root_distance = world.observe(0, train)[6]
+            assert -1 < root_distance < 0
+
+
+def test_fresh_processes_draw_the_same_levels():
+    printed = set()
+    for hash_seed in ("1", "2"):
+        process = subprocess.run(
+            [sys.executable, "-c", HASHES],
+            env={**os.environ, "PYTHONHASHSEED": hash_seed},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert process.stderr == ""
+        printed.add(process.stdout)
+    here = "".join(
+        f"{generate(name, 5).content_hash} {generate(name, LARGEST_SEED).content_hash}\n" for name in DIFFICULTIES
+    )
+    assert printed == {here}
+
+
+def test_levels_do_not_change_between_releases():
+    assert [generate(name, 1).content_hash for name in DIFFICULTIES] == [
+        "cd56378249b6a71b350fc9308252d6b5",
+        "02baf14260b2260ec632094588db882e",
+        "1c3997cc363261a28612d9f6d48e69cf",
+    ]
+
+
+def test_global_generators_are_neither_read_nor_moved():
+    random.seed(1)
+    np.random.seed(1)  # noqa: NPY002  (the global generator is what is tested)
+    python_state, numpy_state = random.getstate(), np.random.get_state()[1].tolist()  # noqa: NPY002
+    first = generate("hard", 9)
+    assert random.getstate() == python_state
+    assert np.random.get_state()[1].tolist() == numpy_state  # noqa: NPY002
+    random.seed(2)
+    np.random.seed(2)  # noqa: NPY002
+    assert generate("hard", 9).content_hash == first.content_hash
+
+
+def test_no_map_is_kept():
+    generate("easy", 1)
+    assert RailGridTransitionMap.get_transitions.cache_info().currsize == 0
+    assert RailGridTransitionMap.check_path_exists.cache_info().currsize == 0
+
+
+@pytest.mark.parametrize("difficulty", DIFFICULTIES)
+def test_broken_cells_are_those_that_the_library_finds(difficulty: Difficulty, monkeypatch: pytest.MonkeyPatch):
+    quick = [generate(difficulty, seed).content_hash for seed in range(6)]
+    monkeypatch.setattr(legacy._LegacyRails, "_fix_transitions", SparseRailGen._fix_transitions)
+    assert [generate(difficulty, seed).content_hash for seed in range(6)] == quick
+
+
+def test_an_infeasible_draw_is_drawn_anew_from_a_derived_seed(monkeypatch: pytest.MonkeyPatch):
+    draw, draws = legacy._draw, []
+
+    def fail_once(spec: legacy.LegacySpec, rng: np.random.RandomState):
+        draws.append(rng)
+        if len(draws) % 2 == 1:
+            raise InfeasibleLevelError
+        return draw(spec, rng)
+
+    plain = generate("easy", 4)
+    monkeypatch.setattr(legacy, "_draw", fail_once)
+    retried = [generate("easy", 4).content_hash for _ in range(2)]
+    assert retried[0] == retried[1] != plain.content_hash
+
+
+def test_a_seed_without_a_feasible_level_is_an_error(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(legacy, "ROUTE_TRIES", 0)
+    with pytest.raises(InfeasibleLevelError, match="no feasible easy level for seed 4"):
+        generate("easy", 4)
+
+
+def test_training_and_evaluation_never_share_a_seed():
+    training = {training_level_seed(run, episode) for run in range(10) for episode in range(500)}
+    evaluation = {evaluation_level_seed(index) for index in range(1000)}
+    assert training.isdisjoint(evaluation)
+    assert max(training | evaluation) <= LARGEST_SEED
