@@ -1,16 +1,19 @@
 """The only place that knows Zenoh: typed topics, services and liveliness over one session.
 
-Whatever arrives is decoded and handed to a callback at once, on Zenoh's own thread; callbacks put it into the
-service's inbox and return. A full channel would stall the whole link, so nothing here is bounded by a channel:
-the leases bound the work in flight. What does not decode is refused: counted, logged, answered with an error.
+Whatever arrives goes into one queue at once, and one thread decodes it and hands it to callbacks in the order of
+arrival, across topics and services: what an actor publishes before it asks is known when its question is. A full
+channel would stall the whole link, so the queue is not bounded; the leases bound the work in flight. What does
+not decode is refused: counted, logged, answered with an error.
 """
 
 import json
 import logging
 import queue
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 import zenoh
@@ -71,7 +74,16 @@ class Bus:
         self._session = session
         self._namespace = namespace
         self._declared: list[Any] = []  # zenoh undeclares what is no longer referenced
+        self._arrived: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._dispatcher = threading.Thread(target=self._dispatch, name="bus", daemon=True)
+        self._dispatcher.start()
         self.refused = 0
+
+    def close(self) -> None:
+        """End the session; nothing is handed out any more."""
+        self._session.close()
+        self._arrived.put(None)
+        self._dispatcher.join()
 
     def publish(self, topic: Topic[A], record: A) -> None:
         """Send to all subscribers; who is not connected now never gets it."""
@@ -86,9 +98,9 @@ class Bus:
             log.warning("a message on %s did not go out: %s", topic.key, error)
 
     def subscribe(self, topic: Topic[A], on_record: Callable[[A], None]) -> None:
-        """Call `on_record`, on another thread, with every valid message."""
+        """Call `on_record`, on the bus's thread, with every valid message; it must be quick."""
 
-        def on_sample(sample: Any) -> None:
+        def take(sample: Any) -> None:
             try:
                 record = decode(topic.record, str(sample.encoding), sample.payload.to_bytes())
             except Refused as reason:
@@ -96,13 +108,13 @@ class Bus:
             else:
                 on_record(record)
 
-        self._declared.append(self._session.declare_subscriber(self._key(topic.key), on_sample))
+        self._declared.append(self._session.declare_subscriber(self._key(topic.key), self._in_order(take)))
 
     def serve(self, service: Service[A, B], on_question: Callable[[Question[A, B]], None]) -> None:
-        """Call `on_question`, on another thread, with every valid question."""
+        """Call `on_question`, on the bus's thread, with every valid question; it must be quick."""
         key = self._key(service.key)
 
-        def on_query(query: Any) -> None:
+        def take(query: Any) -> None:
             body = b"" if query.payload is None else query.payload.to_bytes()
             try:
                 request = decode(service.request, str(query.encoding), body)
@@ -113,7 +125,7 @@ class Bus:
             else:
                 on_question(Question(query, service, key, request))
 
-        self._declared.append(self._session.declare_queryable(key, on_query, complete=True))
+        self._declared.append(self._session.declare_queryable(key, self._in_order(take), complete=True))
 
     def ask(
         self, service: Service[A, B], request: A, timeout_s: float, give_up: Callable[[], bool] = lambda: False
@@ -151,10 +163,10 @@ class Bus:
         self._declared.append(self._session.liveliness().declare_token(self._key(alive.key)))
 
     def watch_alive(self, key: str, on_change: Callable[[Alive, bool], None]) -> None:
-        """Call `on_change`, on another thread, when a token comes (also those that are there already) or goes."""
+        """Call `on_change`, on the bus's thread, when a token comes (also those that are there already) or goes."""
         prefix = len(self._namespace) + 1
 
-        def on_sample(sample: Any) -> None:
+        def take(sample: Any) -> None:
             try:
                 alive = Alive.parse(str(sample.key_expr)[prefix:])
             except ValueError as reason:
@@ -162,11 +174,19 @@ class Bus:
             else:
                 on_change(alive, sample.kind == zenoh.SampleKind.PUT)
 
-        self._declared.append(self._session.liveliness().declare_subscriber(self._key(key), on_sample, history=True))
+        subscriber = self._session.liveliness().declare_subscriber(self._key(key), self._in_order(take), history=True)
+        self._declared.append(subscriber)
 
     def connected(self) -> bool:
         """Whether the router is there right now."""
         return bool(self._session.info.routers_zid())
+
+    def _in_order(self, take: Callable[[Any], None]) -> Any:
+        return zenoh.handlers.Callback(lambda message: self._arrived.put(partial(take, message)), indirect=False)
+
+    def _dispatch(self) -> None:
+        while (task := self._arrived.get()) is not None:
+            task()
 
     def _key(self, key: str) -> str:
         return f"{self._namespace}/{key}"
@@ -213,10 +233,11 @@ def open_bus(endpoint: str, namespace: str, connect_timeout_s: float | None = No
         session = _open(settings)
     except zenoh.ZError as error:
         raise NoAnswer(f"no router at {endpoint}: {error}") from None
+    bus = Bus(session, namespace)
     try:
-        yield Bus(session, namespace)
+        yield bus
     finally:
-        session.close()
+        bus.close()
 
 
 @contextmanager

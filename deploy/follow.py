@@ -7,7 +7,8 @@ from collections.abc import Callable
 from functools import partial
 
 from common.bus import Bus, NoAnswer
-from common.process import RunFolder, living
+from common.folder import RunFolder
+from common.locks import living
 from common.records import Empty, EpisodeRow, EvaluationRow, HistoryRequest, ProcessStatus, Progress, RunState, Status
 from common.rows import read_rows
 from common.wire import keys
@@ -43,10 +44,19 @@ def status_from_files(folder: RunFolder) -> Status:
         episodes=config.episodes,
         supervisor_pid=alive.get("supervisor"),
         progress=Progress(
-            done=len(episodes), leased=0, waiting={}, weights_version=len(episodes),
-            snapshot=max(snapshots, default=0), evaluations=len(evaluations), evaluations_due=checkpoints,
+            done=len(episodes),
+            leased=0,
+            waiting={},
+            weights_version=len(episodes),
+            snapshot=max(snapshots, default=0),
+            evaluations=len(evaluations),
+            evaluations_due=checkpoints,
             return_last_100=sum(recent) / len(recent) if recent else None,
-            episodes_per_s=0.0, steps_per_s=0.0, refused=0, duplicates=0, reissued=0,
+            episodes_per_s=0.0,
+            steps_per_s=0.0,
+            refused=0,
+            duplicates=0,
+            reissued=0,
         ),
         time_left_s=None,
         problems=[reason] if reason else [],
@@ -67,8 +77,13 @@ def _unsupervised(name: str, pid: int) -> ProcessStatus:
     role, _, rest = name.partition("-")
     return ProcessStatus.model_validate(
         {
-            "process": name, "role": role, "difficulty": rest.partition("-")[0] or None, "pid": pid,
-            "state": "unsupervised", "restarts": 0, "last_heartbeat_unix_s": None,
+            "process": name,
+            "role": role,
+            "difficulty": rest.partition("-")[0] or None,
+            "pid": pid,
+            "state": "unsupervised",
+            "restarts": 0,
+            "last_heartbeat_unix_s": None,
         }
     )
 

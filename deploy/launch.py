@@ -18,7 +18,8 @@ import yaml
 from common import checkpoint
 from common.checkpoint import CheckpointError
 from common.config import ConfigError, RunConfig
-from common.process import RunFolder, living, write_atomically
+from common.folder import RunFolder, write_atomically
+from common.locks import living
 from deploy.plan import ENVIRONMENT
 from deploy.runs import Failed, runs_root, supervised
 
@@ -56,7 +57,9 @@ def new_run(name: str, config: RunConfig) -> RunFolder:
         temporary.rename(path)
     except OSError as error:
         shutil.rmtree(temporary, ignore_errors=True)
-        raise Failed(f"cannot create {path}: {error.strerror}: set RAILCTL_RUNS to a folder that you may write") from None
+        raise Failed(
+            f"cannot create {path}: {error.strerror}: set RAILCTL_RUNS to a folder that you may write"
+        ) from None
     return RunFolder(path)
 
 
@@ -162,7 +165,9 @@ def draw_curve(folder: RunFolder) -> Path:
     """
     done = subprocess.run(
         [sys.executable, "-m", "services.evaluator.curve", "--run", str(folder.path)],
-        capture_output=True, text=True, check=False,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if done.returncode:
         raise Failed(f"the curve could not be drawn: {(done.stderr.splitlines() or ['no reason given'])[-1]}")

@@ -11,7 +11,6 @@ from rich.console import Console
 
 from common.bus import NoAnswer
 from common.config import ConfigError
-from common.process import Fatal
 from common.rows import DamagedRows
 from deploy.runs import Failed
 
@@ -41,7 +40,7 @@ def one_line_errors(command: Callable[P, None]) -> Callable[P, None]:
             command(*args, **kwargs)
         except ConfigError as error:
             _end(str(error), WRONG_USAGE)
-        except (Failed, NoAnswer, Fatal, DamagedRows) as error:
+        except (Failed, NoAnswer, DamagedRows) as error:
             _end(str(error), FAILED)
         except PermissionError as error:
             _end(f"{error.filename}: {error.strerror}: use a folder that you may read and write", FAILED)

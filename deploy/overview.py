@@ -4,7 +4,7 @@ import os
 from collections.abc import Mapping
 
 from common.config import DIFFICULTIES, RunConfig
-from common.process import RunFolder
+from common.folder import RunFolder
 from common.records import Heartbeat, ProcessStatus, Progress, RunState, Status
 from deploy.supervisor import Supervisor
 
@@ -14,7 +14,9 @@ Beats = Mapping[str, tuple[Heartbeat, float]]  # process -> last heartbeat, unix
 def run_is_complete(config: RunConfig, beats: Beats) -> bool:
     """Whether every episode is trained and every checkpoint evaluated."""
     progress = progress_of(config, beats)
-    return progress is not None and progress.done == config.episodes and progress.evaluations >= progress.evaluations_due
+    return (
+        progress is not None and progress.done == config.episodes and progress.evaluations >= progress.evaluations_due
+    )
 
 
 def progress_of(config: RunConfig, beats: Beats) -> Progress | None:
@@ -40,9 +42,7 @@ def progress_of(config: RunConfig, beats: Beats) -> Progress | None:
     )
 
 
-def overview(
-    folder: RunFolder, config: RunConfig, mind: Supervisor, pids: Mapping[str, int], beats: Beats
-) -> Status:
+def overview(folder: RunFolder, config: RunConfig, mind: Supervisor, pids: Mapping[str, int], beats: Beats) -> Status:
     """The state of a run and of all its processes."""
     progress = progress_of(config, beats)
     left = None
@@ -78,11 +78,11 @@ def _concerns(mind: Supervisor, progress: Progress | None, beats: Beats) -> list
     for level, count in (progress.waiting if progress else {}).items():
         if count and level not in served and "any" not in served:
             concerns.append(f"{count} {level} episodes wait and no actor serves {level}: railctl scale RUN {level}=1")
+    if progress is not None and progress.refused:
+        concerns.append(f"{progress.refused} messages were refused: railctl logs RUN learner says why")
     exact_until = beats["learner"][0].counters.get("exact_until") if "learner" in beats else None
     if exact_until is not None:
-        concerns.append(
-            f"resumed at episode {exact_until:.0f} on another processor or torch: exactness ends there"
-        )
+        concerns.append(f"resumed at episode {exact_until:.0f} on another processor or torch: exactness ends there")
     return concerns
 
 

@@ -14,7 +14,9 @@ Plain = dict[str, Any]
 
 def algorithms() -> list[str]:
     """The names of all presets."""
-    return sorted(path.name.removesuffix(".yaml") for path in files("deploy.presets").iterdir() if path.name.endswith(".yaml"))
+    return sorted(
+        path.name.removesuffix(".yaml") for path in files("deploy.presets").iterdir() if path.name.endswith(".yaml")
+    )
 
 
 def resolve(given: Plain) -> RunConfig:

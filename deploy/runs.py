@@ -7,7 +7,8 @@ from pathlib import Path
 
 from common.bus import Bus, NoAnswer, open_bus
 from common.config import ConfigError, nearest
-from common.process import RunFolder, holder, living
+from common.folder import RunFolder
+from common.locks import holder, living
 
 CONNECT_TIMEOUT_S = 2.0
 

@@ -14,7 +14,13 @@ from common.records import EpisodeRow, EvaluationRow, Status
 SHOWN_EVALUATIONS = 8
 SHOWN_PROBLEMS = 3
 BLOCKS = 10
-STATE_STYLES = {"running": "green", "finished": "green", "failed": "bold red", "unsupervised": "red", "paused": "yellow"}
+STATE_STYLES = {
+    "running": "green",
+    "finished": "green",
+    "failed": "bold red",
+    "unsupervised": "red",
+    "paused": "yellow",
+}
 
 
 def view(status: Status, evaluations: Sequence[EvaluationRow]) -> RenderableType:
@@ -24,7 +30,9 @@ def view(status: Status, evaluations: Sequence[EvaluationRow]) -> RenderableType
         parts.append(evaluation_table(evaluations[-SHOWN_EVALUATIONS:]))
     parts.append(process_table(status))
     parts += [Text(f"! {problem}", style="yellow") for problem in status.problems[-SHOWN_PROBLEMS:]]
-    return Panel(Group(*parts), title=f"railctl  {status.run}", subtitle="Ctrl-C stops cleanly", expand=False, width=100)
+    return Panel(
+        Group(*parts), title=f"railctl  {status.run}", subtitle="Ctrl-C stops cleanly", expand=False, width=100
+    )
 
 
 def _progress(status: Status) -> RenderableType:
@@ -35,7 +43,10 @@ def _progress(status: Status) -> RenderableType:
     bar = ProgressBar(total=status.episodes, completed=progress.done, width=40)
     left = f"{duration(status.time_left_s)} left" if status.time_left_s else ""
     grid.add_row(
-        Text(status.state, style=STATE_STYLES.get(status.state, "")), bar, f"{progress.done}/{status.episodes} episodes", left
+        Text(status.state, style=STATE_STYLES.get(status.state, "")),
+        bar,
+        f"{progress.done}/{status.episodes} episodes",
+        left,
     )
     line = (
         f"return of the last 100: {number(progress.return_last_100)}    "
@@ -83,15 +94,21 @@ def evaluation_table(rows: Sequence[EvaluationRow]) -> Table:
     )
     for row in rows:
         table.add_row(
-            str(row.episode), row.level, f"{row.normalised_return:.3f}", f"{row.arrived_share:.0%}",
-            f"{row.all_arrived_share:.0%}", f"{row.mean_steps:.0f}",
+            str(row.episode),
+            row.level,
+            f"{row.normalised_return:.3f}",
+            f"{row.arrived_share:.0%}",
+            f"{row.all_arrived_share:.0%}",
+            f"{row.mean_steps:.0f}",
         )
     return table
 
 
 def summary(episodes: Sequence[EpisodeRow], evaluations: Sequence[EvaluationRow]) -> Table:
     """A whole run: blocks of episodes beside the evaluation at their end."""
-    table = Table("episodes", "training return", "trains arrived", "steps", "greedy return", "all arrived", title="Summary")
+    table = Table(
+        "episodes", "training return", "trains arrived", "steps", "greedy return", "all arrived", title="Summary"
+    )
     size = max(1, -(-len(episodes) // BLOCKS))
     scored = {row.episode: row for row in evaluations}
     for first in range(0, len(episodes), size):
@@ -113,8 +130,8 @@ def row_line(row: EpisodeRow | EvaluationRow) -> str:
     """A row of a tail."""
     if isinstance(row, EpisodeRow):
         return (
-            f"episode {row.episode:>6}  {row.level:<6}  return {row.normalised_return:7.3f}  arrived {row.arrived}/{row.trains}  "
-            f"steps {row.steps:>3}  epsilon {row.epsilon:.3f}  {row.actor}"
+            f"episode {row.episode:>6}  {row.level:<6}  return {row.normalised_return:7.3f}  "
+            f"arrived {row.arrived}/{row.trains}  steps {row.steps:>3}  epsilon {row.epsilon:.3f}  {row.actor}"
         )
     return (
         f"checkpoint {row.episode:>3}  {row.level:<6}  greedy {row.normalised_return:7.3f}  "

@@ -1,4 +1,4 @@
-"""python -m deploy.supervise --run FOLDER: runs what `deploy.supervisor` decides, and answers `status`, `scale`, `stop`.
+"""python -m deploy.supervise --run FOLDER: does what `deploy.supervisor` decides; answers `status`, `scale`, `stop`.
 
 Processes outlive their supervisor: a new one adopts those that hold their locks and starts what is missing.
 """
@@ -17,7 +17,9 @@ from functools import partial
 from pathlib import Path
 
 from common.bus import Bus, NoAnswer, Question, open_bus
-from common.process import RunFolder, Stopping, holder, living, run_service, sole, write_atomically
+from common.folder import RunFolder, write_atomically
+from common.locks import holder, living, sole
+from common.process import Stopping, run_service
 from common.records import CommandAnswer, Empty, Heartbeat, ScaleRequest, Status
 from common.wire import keys
 from deploy.overview import overview, run_is_complete

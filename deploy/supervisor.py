@@ -195,20 +195,23 @@ class Supervisor:
                 return []
             ward = self.wards[event.process] = Ward(ward.spec)  # scaled down, and up again meanwhile
             return [self._launch(ward, now)]
-        words = f": {event.last_words}" if event.last_words else ""
         if event.code == EXIT_FATAL:
             del self.wards[event.process]
-            return self._stop(Quit("failed", f"{event.process} cannot go on{words}"), now)
-        ward.restarts += 1
-        ward.deaths = [t for t in ward.deaths if now - t < self._limits.restart_window_s] + [now]
+            return self._stop(Quit("failed", f"{event.process} cannot go on{_colon(event.last_words)}"), now)
+        return self._on_death(ward, event, now)
+
+    def _on_death(self, ward: Ward, event: Exited, now: float) -> list[Order]:
+        window_s = self._limits.restart_window_s
+        ward.deaths = [t for t in ward.deaths if now - t < window_s] + [now]
         died = "died" if event.code is None else f"died ({_exit(event.code)})"
         if len(ward.deaths) > self._limits.max_restarts:
             del self.wards[event.process]
             reason = (
-                f"{event.process} {died} {len(ward.deaths)} times within {self._limits.restart_window_s:g} s"
-                f"{words}; see logs/{event.process}.log"
+                f"{event.process} {died} {len(ward.deaths)} times within {window_s:g} s"
+                f"{_colon(event.last_words)}; see logs/{event.process}.log"
             )
             return self._stop(Quit("failed", reason), now)
+        ward.restarts += 1
         back_off = min(LONGEST_BACK_OFF_S, FIRST_BACK_OFF_S * 2 ** (len(ward.deaths) - 1))
         ward.state, ward.since = "waiting", now + back_off
         self._note(f"{event.process} {died}: started again")
@@ -270,3 +273,7 @@ class Supervisor:
 
 def _exit(code: int) -> str:
     return f"signal {-code}" if code < 0 else f"exit code {code}"
+
+
+def _colon(words: str) -> str:
+    return f": {words}" if words else ""

@@ -9,7 +9,8 @@ from rich.live import Live
 from rich.text import Text
 
 from common.bus import Bus, NoAnswer
-from common.process import RunFolder, holder
+from common.folder import RunFolder
+from common.locks import holder
 from common.records import EvaluationRow
 from deploy.follow import Rows, live_status
 from deploy.output import console
@@ -71,7 +72,11 @@ def _in_lines(folder: RunFolder, bus: Bus) -> None:
 
 
 def _loop(
-    folder: RunFolder, rows: Rows, on_evaluation: Callable[[EvaluationRow], None], show: Callable[[], None], every_s: float
+    folder: RunFolder,
+    rows: Rows,
+    on_evaluation: Callable[[EvaluationRow], None],
+    show: Callable[[], None],
+    every_s: float,
 ) -> None:
     due = 0.0
     fresh = rows.history()

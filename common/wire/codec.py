@@ -7,8 +7,12 @@ message of the expected schema is `Refused`, with a reason that names what is wr
 import math
 from typing import Any, TypeVar
 
-import msgpack
 import numpy as np
+from msgpack import ExtType
+
+# flatland-rl patches `msgpack.packb` and `unpackb` for the whole process on import; the patched ones unpickle
+# what a message asks them to. The compiled module stays as it was made.
+from msgpack._cmsgpack import Packer, unpackb
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
@@ -42,7 +46,7 @@ def encode(record: Record) -> bytes:
     Raises:
         ValueError: the message is larger than any receiver would take.
     """
-    body = msgpack.packb(record.model_dump(by_alias=True), default=_pack_array)
+    body = Packer(default=_pack_array).pack(record.model_dump(by_alias=True))
     if len(body) > MAX_MESSAGE_BYTES:
         raise ValueError(f"a {type(record).__name__} of {len(body)} bytes exceeds the limit of {MAX_MESSAGE_BYTES}")
     return bytes(body)
@@ -61,7 +65,7 @@ def decode(record_type: type[R], encoding: str, body: bytes) -> R:
     if len(body) > MAX_MESSAGE_BYTES:
         raise Refused(f"{len(body)} bytes exceed the limit of {MAX_MESSAGE_BYTES}")
     try:
-        plain = msgpack.unpackb(body, ext_hook=_unpack_array, strict_map_key=True)
+        plain = unpackb(body, ext_hook=_unpack_array, strict_map_key=True)
         return record_type.model_validate(plain)
     except Refused:
         raise
@@ -69,24 +73,24 @@ def decode(record_type: type[R], encoding: str, body: bytes) -> R:
         problem = error.errors()[0]
         field = ".".join(str(part) for part in problem["loc"]) or "message"
         raise Refused(f"{record_type.__name__}: {field}: {problem['msg']}") from None
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001
         # msgpack's C parser raises a family of unrelated exceptions on hostile bytes.
         raise Refused(f"{record_type.__name__}: not a message: {type(error).__name__}: {error}") from None
 
 
-def _pack_array(value: Any) -> msgpack.ExtType:
+def _pack_array(value: Any) -> ExtType:
     if not isinstance(value, np.ndarray):
         raise TypeError(f"cannot send a {type(value).__name__}")
     little = np.ascontiguousarray(value).astype(value.dtype.newbyteorder("<"), copy=False).reshape(value.shape)
     if little.dtype.str not in ARRAY_DTYPES:
         raise TypeError(f"cannot send an array of {value.dtype}")
-    return msgpack.ExtType(ARRAY_TYPE, msgpack.packb([little.dtype.str, list(value.shape), little.tobytes()]))
+    return ExtType(ARRAY_TYPE, Packer().pack([little.dtype.str, list(value.shape), little.tobytes()]))
 
 
 def _unpack_array(code: int, data: bytes) -> NDArray[Any]:
     if code != ARRAY_TYPE:
         raise Refused(f"unknown extension type {code}")
-    dtype, shape, raw = msgpack.unpackb(data)
+    dtype, shape, raw = unpackb(data)
     if dtype not in ARRAY_DTYPES:
         raise Refused(f"array dtype {dtype!r:.40} is not taken")
     if not all(type(size) is int and 0 <= size < 2**31 for size in shape) or len(shape) > 8:

@@ -13,7 +13,7 @@ from pathlib import Path
 from rich.table import Table
 
 from common.bus import NoAnswer, open_bus, open_router
-from common.records import Empty, CommandAnswer
+from common.records import CommandAnswer, Empty
 from common.wire.keys import Service
 from deploy.launch import LOOPBACK, free_port
 from deploy.output import FAILED, AsJson, console, one_line_errors, say
@@ -95,7 +95,11 @@ def _disk() -> str:
 def _zenoh() -> str:
     endpoint = f"tcp/{LOOPBACK}:{free_port()}"
     try:
-        with open_router(endpoint), open_bus(endpoint, "doctor", 5.0) as here, open_bus(endpoint, "doctor", 5.0) as there:
+        with (
+            open_router(endpoint),
+            open_bus(endpoint, "doctor", 5.0) as here,
+            open_bus(endpoint, "doctor", 5.0) as there,
+        ):
             here.serve(ECHO, lambda question: question.answer(CommandAnswer(done=True, text="here")))
             there.ask(ECHO, Empty(), 5.0)
     except (OSError, NoAnswer) as error:
@@ -109,7 +113,11 @@ def _arithmetic() -> str:
         runs = [
             subprocess.run(
                 [sys.executable, "-m", "services.learner.selfcheck"],
-                capture_output=True, text=True, check=False, cwd=Path(scratch), env=os.environ | ENVIRONMENT,
+                capture_output=True,
+                text=True,
+                check=False,
+                cwd=Path(scratch),
+                env=os.environ | ENVIRONMENT,
             )
             for _ in range(2)
         ]

@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from common.bus import NoAnswer
-from common.process import RunFolder, holder, living
+from common.folder import RunFolder
+from common.locks import holder, living
 from common.records import Empty
 from common.wire import keys
 from deploy.follow import wait_until

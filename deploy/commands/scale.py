@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from common.process import RunFolder
+from common.folder import RunFolder
 from common.records import ScaleRequest
 from common.wire import keys
 from deploy.output import AsJson, one_line_errors, say

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from common.bus import NoAnswer
-from common.process import living
+from common.locks import living
 from common.records import EpisodeRow, EvaluationRow
 from deploy.follow import Rows, rows_from_files
 from deploy.output import AsJson, RunName, console, one_line_errors

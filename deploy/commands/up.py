@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from common.config import RunConfig
-from common.process import RunFolder
+from common.folder import RunFolder
 from common.records import EpisodeRow, EvaluationRow
 from common.rows import read_rows
 from deploy.commands.scale import scale_to
@@ -25,7 +25,9 @@ def up(
     name: Annotated[str | None, typer.Option(help="Name of the run; an existing one goes on.")] = None,
     algorithm: Annotated[str | None, typer.Option(help="Algorithm preset.  [default: dddqn]")] = None,
     level: Annotated[str | None, typer.Option(help="easy, medium or hard.  [default: easy]")] = None,
-    actors: Annotated[str | None, typer.Option(help="Actors, as easy=2,hard=1 or any=2.  [default: one a level]")] = None,
+    actors: Annotated[
+        str | None, typer.Option(help="Actors, as easy=2,hard=1 or any=2.  [default: one a level]")
+    ] = None,
     episodes: Annotated[int | None, typer.Option(help="Episodes to train.  [default: 1500]")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of everything random.  [default: 1]")] = None,
     lag: Annotated[int | None, typer.Option(help="Episodes that run ahead of training.  [default: 0]")] = None,
@@ -37,7 +39,12 @@ def up(
     """Start a run or go on with one: router, learner, actors, evaluator and their supervisor."""
     given: dict[str, Any] = {} if file is None else read_file(file)
     options = {
-        "algorithm": algorithm, "level": level, "episodes": episodes, "seed": seed, "lag": lag, "engine": engine,
+        "algorithm": algorithm,
+        "level": level,
+        "episodes": episodes,
+        "seed": seed,
+        "lag": lag,
+        "engine": engine,
         "cluster": {"actors": parse_actors(actors) if actors else None, "cores": cores},
     }
     given = merge(merge(given, without_none(options)), parse_sets(settings or []))
@@ -90,4 +97,8 @@ def conclude(folder: RunFolder) -> None:
     if outcome == "failed":
         raise Failed(reason)
     if outcome == "stopped":
-        console.print(f"stopped after {len(episodes)} episodes; railctl up --name {folder.path.name} goes on", markup=False, soft_wrap=True)
+        console.print(
+            f"stopped after {len(episodes)} episodes; railctl up --name {folder.path.name} goes on",
+            markup=False,
+            soft_wrap=True,
+        )

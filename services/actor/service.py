@@ -104,6 +104,8 @@ class Actor:
         for episode in answer.missing:
             log.info("publishes episode %d again: the learner misses it", episode)
             self._place.bus.publish(keys.EPISODES, self._kept[episode])
+        if answer.missing:
+            self._place.stopping.wait(RETRY_S)  # what the learner refuses stays missing: no storm
 
     def _serve(self, lease: Lease) -> None:
         network = self._network_of(lease.weights_version)
@@ -148,9 +150,7 @@ class Actor:
         return on_step
 
     def _beat(self, state: str, *, now: bool = False) -> None:
-        self._place.heart.beat(
-            state, lambda: {"acted": float(self._acted), "kept": float(len(self._kept))}, now=now
-        )
+        self._place.heart.beat(state, lambda: {"acted": float(self._acted), "kept": float(len(self._kept))}, now=now)
 
 
 def _episode(lease: Lease, recording: Recording, actor: str, acting_s: float) -> Episode:

@@ -3,8 +3,9 @@
 import argparse
 from pathlib import Path
 
+from common.folder import RunFolder
 from common.policy.determinism import deterministic_torch
-from common.process import RunFolder, run_service, take_place
+from common.process import run_service, take_place
 from services.evaluator.service import Evaluator
 
 

@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib import pyplot as plt
 from numpy.typing import NDArray
 
-from common.process import RunFolder, run_service
+from common.folder import RunFolder
+from common.process import run_service
 from common.records import EpisodeRow, EvaluationRow
 from common.rows import read_rows
 
@@ -39,17 +40,28 @@ def draw(folder: RunFolder) -> Path:
         axes.plot(numbers, returns, ".", color=COLOURS[level], alpha=0.25, markersize=3)
         window = min(WINDOW, max(1, len(returns) // 3))
         axes.plot(
-            numbers, moving_mean(returns, window), DASHES[level], color=COLOURS[level], linewidth=2,
+            numbers,
+            moving_mean(returns, window),
+            DASHES[level],
+            color=COLOURS[level],
+            linewidth=2,
             label=f"{level}: training, mean of last {window}",
         )
         scored = [row for row in evaluations if row.level == level]
         axes.plot(
-            [row.episode for row in scored], [row.normalised_return for row in scored], "D", color="black",
-            markerfacecolor=COLOURS[level], markersize=6,
+            [row.episode for row in scored],
+            [row.normalised_return for row in scored],
+            "D",
+            color="black",
+            markerfacecolor=COLOURS[level],
+            markersize=6,
             label=f"{level}: greedy on {config.evaluation.levels} evaluation levels",
         )
     axes.set(
-        xlabel="episode", ylabel="normalised return", ylim=(-1.02, 0.02), xlim=(0, config.episodes),
+        xlabel="episode",
+        ylabel="normalised return",
+        ylim=(-1.02, 0.02),
+        xlim=(0, config.episodes),
         title=f"{folder.path.name}: {config.algorithm}, seed {config.seed}, lag {config.lag}",
     )
     axes.grid(alpha=0.3)

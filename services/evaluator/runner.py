@@ -1,7 +1,7 @@
 """Scoring a policy: greedy play on the fixed evaluation levels of a difficulty."""
 
-import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -15,11 +15,20 @@ from common.rail.flatland_world import FlatlandWorld
 from common.rail.normalise import N_FEATURES
 from common.rail.play import play
 from common.rail.world import N_ACTIONS
-from common.records import EvaluationRow
 from common.seeding import evaluation_level_seed
 
 MAX_TRAINS = max(spec.trains for spec in SPECS.values())
 GREEDY = 0.0
+
+
+@dataclass(frozen=True)
+class Score:
+    """Means over the levels of an evaluation; steps are environment steps an episode."""
+
+    normalised_return: float
+    arrived_share: float
+    all_arrived_share: float
+    mean_steps: float
 
 
 @cache
@@ -32,15 +41,12 @@ def evaluate(
     network: QNetwork,
     difficulty: Difficulty,
     levels: int,
-    episode: int,
-    weights_digest: str,
     on_step: Callable[[], None],
-) -> EvaluationRow:
+) -> Score:
     """Play the first `levels` evaluation levels greedily and sum up.
 
     `on_step` is called before every step and every level; what it raises ends the evaluation.
     """
-    begin = time.perf_counter()
     world = FlatlandWorld(slots=1, max_trains=MAX_TRAINS)
     policy = EpsilonGreedy(N_FEATURES, N_ACTIONS)
     returns, arrived, steps = [], [], []
@@ -52,15 +58,9 @@ def evaluate(
         returns.append(recording.normalised_return)
         arrived.append(recording.arrived_at >= 0)
         steps.append(recording.steps)
-    return EvaluationRow(
-        episode=episode,
-        level=difficulty,
-        levels=levels,
+    return Score(
         normalised_return=float(np.mean(returns)),
         arrived_share=float(np.mean([share.mean() for share in arrived])),
         all_arrived_share=float(np.mean([share.all() for share in arrived])),
         mean_steps=float(np.mean(steps)),
-        weights_digest=weights_digest,
-        evaluated_unix_s=round(time.time(), 3),
-        evaluating_s=round(time.perf_counter() - begin, 3),
     )

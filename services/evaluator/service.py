@@ -2,11 +2,13 @@
 
 import logging
 import threading
+import time
 
 from common import checkpoint
 from common.bus import NoAnswer, Question
 from common.checkpoint import CheckpointError
-from common.policy.networks import build_network, import_parameters
+from common.config import Difficulty
+from common.policy.networks import QNetwork, build_network, import_parameters
 from common.process import Fatal, Place
 from common.rail.normalise import N_FEATURES
 from common.rail.world import N_ACTIONS
@@ -89,14 +91,29 @@ class Evaluator:
         import_parameters(network, tensors)
         for level in self._config.mix:
             if (episode, level) not in self._done:
-                row = evaluate(
-                    network, level, self._config.evaluation.levels, episode, metadata["digest"], self._on_step
-                )
+                row = self._score(network, episode, level, metadata["digest"])
                 self._file.append(row)
                 self._file.sync()
                 self._done.add((episode, level))
                 self._place.bus.publish(keys.EVALUATION_ROWS, row)
                 log.info("checkpoint %d on %s: %.4f", episode, level, row.normalised_return)
+
+    def _score(self, network: QNetwork, episode: int, level: Difficulty, weights_digest: str) -> EvaluationRow:
+        begin = time.perf_counter()
+        levels = self._config.evaluation.levels
+        score = evaluate(network, level, levels, self._on_step)
+        return EvaluationRow(
+            episode=episode,
+            level=level,
+            levels=levels,
+            normalised_return=score.normalised_return,
+            arrived_share=score.arrived_share,
+            all_arrived_share=score.all_arrived_share,
+            mean_steps=score.mean_steps,
+            weights_digest=weights_digest,
+            evaluated_unix_s=round(time.time(), 3),
+            evaluating_s=round(time.perf_counter() - begin, 3),
+        )
 
     def _stops(self) -> bool:
         return self._place.stopping.asked

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from common import checkpoint
 from common.checkpoint import CheckpointError
 from common.config import RunConfig
-from common.process import Fatal, RunFolder
+from common.folder import RunFolder
+from common.process import Fatal
 from common.records import EpisodeRow
 from common.rows import DamagedRows, RowFile
 

@@ -1,7 +1,7 @@
 """The ledger: which episode is waiting, leased, received or trained. Pure: no clock, no bus, no disk.
 
-Episode e acts with the weights after episode e - 1 - lag, so it may be leased once e - lag episodes are trained. Training is
-strictly in order. Leases belong to living actors only; a dead actor's episodes wait again.
+Episode e acts with the weights after episode e - 1 - lag, so it may be leased once e - lag episodes are trained.
+Training is strictly in order. Leases belong to living actors only; a dead actor's episodes wait again.
 """
 
 from collections.abc import Sequence

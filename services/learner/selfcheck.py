@@ -26,8 +26,15 @@ def made_up_episode(number: int) -> Episode:
     observations = buffer[shift:].reshape(decisions, N_FEATURES)
     observations[:] = -rng.random((decisions, N_FEATURES), np.float32)
     return Episode(
-        episode=number, level="easy", level_seed=number, level_hash="0" * 32, weights_version=number,
-        actor="selfcheck", acting_s=0.0, max_steps=STEPS, observations=observations,
+        episode=number,
+        level="easy",
+        level_seed=number,
+        level_hash="0" * 32,
+        weights_version=number,
+        actor="selfcheck",
+        acting_s=0.0,
+        max_steps=STEPS,
+        observations=observations,
         times=np.repeat(np.arange(STEPS, dtype=np.int32), TRAINS),
         trains=np.tile(np.arange(TRAINS, dtype=np.int32), STEPS),
         actions=rng.integers(0, N_ACTIONS, decisions, np.int8),
@@ -40,7 +47,11 @@ def made_up_episode(number: int) -> Episode:
 def main() -> None:
     deterministic_torch()
     trainer = Trainer(
-        seed=1, discount=0.99, network=NetworkConfig(dueling=True), n_features=N_FEATURES, n_actions=N_ACTIONS,
+        seed=1,
+        discount=0.99,
+        network=NetworkConfig(dueling=True),
+        n_features=N_FEATURES,
+        n_actions=N_ACTIONS,
         dqn=DqnConfig(learning_rate=3e-4, batch_size=150, learn_every_steps=5, replay_capacity=1000, target_tau=0.01),
     )
     for number in range(EPISODES):

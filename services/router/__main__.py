@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 
 from common.bus import open_router
-from common.process import RunFolder, run_service, take_place
+from common.folder import RunFolder
+from common.process import run_service, take_place
 
 LOOK_S = 0.2
 

@@ -1,0 +1,34 @@
+# Everything runs in .venv, built from pinned constraints. No target needs anything but Python 3.11 and make.
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+# One thread a process for numerics, and arithmetic that does not depend on memory alignment.
+TEST_ENVIRONMENT := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 MKL_CBWR=AUTO,STRICT
+
+.PHONY: install demo check test soak clean
+
+install: $(VENV)/installed
+
+$(VENV)/installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --constraint constraints.txt torch==2.13.0
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	touch $@
+
+demo: install
+	$(BIN)/railctl up --algorithm dddqn --level easy --actors easy=2 --episodes 300 --seed 1 --set evaluation.every_episodes=50
+
+check: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+test: check
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -m 'not slow'
+
+soak: install
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -m slow
+
+clean:
+	rm -rf $(VENV)

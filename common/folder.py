@@ -1,0 +1,92 @@
+"""Where everything of a run lies."""
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from common.bus import NoAnswer
+from common.config import ConfigError, RunConfig, parse_config
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """The folder of a run; relative paths are the user's, so they show up as given."""
+
+    path: Path
+
+    @property
+    def config_file(self) -> Path:
+        return self.path / "config.yaml"
+
+    @property
+    def episodes_file(self) -> Path:
+        return self.path / "episodes.jsonl"
+
+    @property
+    def evaluations_file(self) -> Path:
+        return self.path / "evaluations.jsonl"
+
+    @property
+    def checkpoints(self) -> Path:
+        return self.path / "checkpoints"
+
+    @property
+    def snapshots(self) -> Path:
+        return self.path / "snapshots"
+
+    @property
+    def logs(self) -> Path:
+        return self.path / "logs"
+
+    @property
+    def processes(self) -> Path:
+        return self.path / "processes"
+
+    @property
+    def cluster_file(self) -> Path:
+        return self.path / "cluster.json"
+
+    @property
+    def outcome_file(self) -> Path:
+        return self.path / "outcome.json"
+
+    @property
+    def paused_file(self) -> Path:
+        return self.path / "paused"
+
+    def config(self) -> RunConfig:
+        """The run's checked configuration.
+
+        Raises:
+            ConfigError: the file is missing or wrong.
+        """
+        try:
+            data = yaml.safe_load(self.config_file.read_text())
+        except (OSError, yaml.YAMLError) as error:
+            raise ConfigError(f"{self.config_file} cannot be read: {error}") from None
+        try:
+            return parse_config(data if isinstance(data, dict) else {})
+        except ConfigError as error:
+            raise ConfigError(f"{self.config_file}: {error}") from None
+
+    def endpoint_and_namespace(self) -> tuple[str, str]:
+        """Where the run's router listens, and the run's key prefix.
+
+        Raises:
+            NoAnswer: the run was never started.
+        """
+        try:
+            cluster = json.loads(self.cluster_file.read_text())
+            return str(cluster["endpoint"]), str(cluster["namespace"])
+        except (OSError, ValueError, KeyError):
+            raise NoAnswer(f"run {self.path.name} has no cluster: start one with railctl up") from None
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Replace a file in one step, so that nobody ever reads half of it."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary.write_text(text)
+    temporary.replace(path)

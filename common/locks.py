@@ -1,0 +1,64 @@
+"""One process of a name in a run, told by kernel locks: a dead process holds none."""
+
+import fcntl
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from common.folder import RunFolder
+
+PATIENCE_S = 2.0  # a probe by another process holds the lock for an instant
+STRETCH_S = 0.02
+
+
+class RunsAlreadyError(Exception):
+    """Another process has the name."""
+
+
+@contextmanager
+def sole(folder: RunFolder, name: str) -> Iterator[None]:
+    """Be the only process of this name in the run, for as long as the block lasts; the kernel frees a dead one's lock.
+
+    Raises:
+        RunsAlreadyError: another process has the name.
+    """
+    folder.processes.mkdir(exist_ok=True)
+    with (folder.processes / name).open("a+") as file:
+        deadline = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() > deadline:
+                    raise RunsAlreadyError(
+                        f"{name} of run {folder.path.name} runs already, as process {holder(folder, name)}"
+                    ) from None
+                time.sleep(STRETCH_S)
+        file.truncate(0)
+        file.write(str(os.getpid()))
+        file.flush()
+        yield
+
+
+def holder(folder: RunFolder, name: str) -> int | None:
+    """The pid of the living process of this name, whoever started it, or none."""
+    try:
+        with (folder.processes / name).open("r") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except BlockingIOError:
+                content = file.read()
+                return int(content) if content.isdigit() else None
+    except FileNotFoundError:
+        pass
+    return None
+
+
+def living(folder: RunFolder) -> dict[str, int]:
+    """Name and pid of every living process of the run."""
+    if not folder.processes.is_dir():
+        return {}
+    pids = {path.name: holder(folder, path.name) for path in sorted(folder.processes.iterdir())}
+    return {name: pid for name, pid in pids.items() if pid is not None}
