@@ -54,6 +54,10 @@ class RunFolder:
         return self.path / "outcome.json"
 
     @property
+    def curve_file(self) -> Path:
+        return self.path / "curve.png"
+
+    @property
     def paused_file(self) -> Path:
         return self.path / "paused"
 

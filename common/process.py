@@ -21,6 +21,7 @@ log = logging.getLogger(__name__)
 
 HEARTBEAT_EVERY_S = 1.0
 EXIT_FATAL = 3  # starting this process again cannot help: its supervisor stops the run and shows the last line
+EXIT_RUNS_ALREADY = 4  # another process has the name: its supervisor looks after that one instead
 STRETCH_S = 0.05
 
 
@@ -101,6 +102,9 @@ def run_service(main: Callable[[], None]) -> None:
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     try:
         main()
-    except (Fatal, ConfigError, RunsAlreadyError) as error:
+    except RunsAlreadyError as error:
+        log.warning("%s", error)
+        sys.exit(EXIT_RUNS_ALREADY)
+    except (Fatal, ConfigError) as error:
         log.error("%s", error)  # noqa: TRY400  (the text is the whole story)
         sys.exit(EXIT_FATAL)

@@ -19,9 +19,11 @@ from pathlib import Path
 from common.bus import Bus, NoAnswer, Question, open_bus
 from common.folder import RunFolder, write_atomically
 from common.locks import holder, living, sole
-from common.process import Stopping, run_service
-from common.records import CommandAnswer, Empty, Heartbeat, ScaleRequest, Status
+from common.process import EXIT_RUNS_ALREADY, Stopping, run_service
+from common.records import CommandAnswer, Empty, EpisodeRow, Heartbeat, ScaleRequest, Status
+from common.rows import read_rows
 from common.wire import keys
+from deploy.launch import draw_curve
 from deploy.overview import overview, run_is_complete
 from deploy.plan import ENVIRONMENT, ProcessSpec, actors, cluster
 from deploy.supervisor import (
@@ -71,9 +73,7 @@ class Runner:
         with ExitStack() as stack:
             for name, pid in living(self._folder).items():
                 if name != "supervisor":
-                    log.info("takes over %s, process %d", name, pid)
-                    self._pids[name] = pid
-                    self._tell(Adopted(name))
+                    self._adopt(name, pid)
             while self._quit is None:
                 if stopping.asked:
                     stopping.asked = False
@@ -114,14 +114,20 @@ class Runner:
     def _look_for_exits(self) -> None:
         for name in list(self._pids):
             child = self._children.get(name)
-            if child is not None:
-                code, gone = child.poll(), child.poll() is not None
+            code = None if child is None else child.poll()
+            if code is None and (child is not None or holder(self._folder, name) is not None):
+                continue
+            self._children.pop(name, None)
+            del self._pids[name]
+            if code == EXIT_RUNS_ALREADY and (pid := holder(self._folder, name)) is not None:
+                self._adopt(name, pid)  # an earlier supervisor's, which had not taken its place yet
             else:
-                code, gone = None, holder(self._folder, name) is None
-            if gone:
-                self._children.pop(name, None)
-                del self._pids[name]
                 self._tell(Exited(name, code, last_words(self._folder, name)))
+
+    def _adopt(self, name: str, pid: int) -> None:
+        log.info("takes over %s, process %d", name, pid)
+        self._pids[name] = pid
+        self._tell(Adopted(name))
 
     def _on_beat(self, beat: Heartbeat) -> None:
         self._beats[beat.process] = (beat, time.time())
@@ -210,6 +216,8 @@ def main() -> None:
         log.info("supervises %s on cores %s", folder.path.name, cores)
         end = runner.run(stopping)
         log.info("run %s: %s", end.outcome, end.reason)
+        if read_rows(folder.episodes_file, EpisodeRow):
+            log.info("drew %s", draw_curve(folder))
         outcome = {"outcome": end.outcome, "reason": end.reason}
         write_atomically(folder.outcome_file, json.dumps(outcome))
 

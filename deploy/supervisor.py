@@ -14,6 +14,7 @@ from deploy.plan import ProcessSpec
 
 FIRST_BACK_OFF_S = 0.5
 LONGEST_BACK_OFF_S = 10.0
+START_PATIENCE_S = 120.0  # importing takes long on a machine that is busy
 STOP_PATIENCE_S = 20.0  # a stage of the stop that takes longer is killed
 STAGES = (("actor", "evaluator"), ("learner",), ("router",))
 
@@ -154,7 +155,7 @@ class Supervisor:
             elif self._overdue(ward, now):
                 orders.append(Kill(ward.spec.name))
                 if ward.state in ("starting", "running"):
-                    self._note(f"{ward.spec.name} gave no sign of life for {self._limits.hang_timeout_s:g} s: killed")
+                    self._note(f"{ward.spec.name} gave no sign of life for {self._patience_s(ward):g} s: killed")
                     ward.state, ward.since = "hung", now
         return orders
 
@@ -163,7 +164,11 @@ class Supervisor:
             return now - ward.since > STOP_PATIENCE_S
         if ward.state not in ("starting", "running") or not self._connected:
             return False
-        return now - max(ward.last_sign, ward.since) > self._limits.hang_timeout_s
+        return now - max(ward.last_sign, ward.since) > self._patience_s(ward)
+
+    def _patience_s(self, ward: Ward) -> float:
+        hang_timeout_s = self._limits.hang_timeout_s
+        return max(START_PATIENCE_S, hang_timeout_s) if ward.state == "starting" else hang_timeout_s
 
     def _launch(self, ward: Ward, now: float) -> Order:
         ward.state, ward.since, ward.last_sign = "starting", now, now

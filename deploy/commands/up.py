@@ -11,7 +11,7 @@ from common.records import EpisodeRow, EvaluationRow
 from common.rows import read_rows
 from deploy.commands.scale import scale_to
 from deploy.follow import outcome_of
-from deploy.launch import check_existing, draw_curve, fresh_name, new_run, save_config, start_supervisor
+from deploy.launch import check_existing, fresh_name, new_run, save_config, start_supervisor
 from deploy.output import console, one_line_errors
 from deploy.resolve import merge, parse_actors, parse_sets, read_file, resolve, resolve_existing
 from deploy.runs import Failed, runs_root, supervised
@@ -92,7 +92,7 @@ def conclude(folder: RunFolder) -> None:
     episodes = read_rows(folder.episodes_file, EpisodeRow)
     if episodes:
         console.print(summary(episodes, read_rows(folder.evaluations_file, EvaluationRow)))
-        console.print(f"curve    {draw_curve(folder)}", markup=False, soft_wrap=True)
+        console.print(f"curve    {folder.curve_file}", markup=False, soft_wrap=True)
     console.print(f"run      {folder.path}", markup=False, soft_wrap=True)
     if outcome == "failed":
         raise Failed(reason)

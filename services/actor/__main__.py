@@ -5,9 +5,7 @@ from pathlib import Path
 
 from common.config import DIFFICULTIES
 from common.folder import RunFolder
-from common.policy.determinism import deterministic_torch
 from common.process import run_service, take_place
-from services.actor.service import Actor
 
 
 def main() -> None:
@@ -16,8 +14,12 @@ def main() -> None:
     parser.add_argument("--name", required=True, help="this actor's name, unique in the run")
     parser.add_argument("--serves", required=True, choices=[*DIFFICULTIES, "any"], help="the difficulty it acts")
     arguments = parser.parse_args()
-    deterministic_torch()
     with take_place(RunFolder(arguments.run), arguments.name, "actor") as place:
+        # Seconds of imports come when the place is taken, so that whoever supervises sees this process at once.
+        from common.policy.determinism import deterministic_torch
+        from services.actor.service import Actor
+
+        deterministic_torch()
         Actor(place, arguments.serves).run()
 
 

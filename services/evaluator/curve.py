@@ -66,10 +66,9 @@ def draw(folder: RunFolder) -> Path:
     )
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right")
-    path = folder.path / "curve.png"
-    figure.savefig(path, dpi=120)
+    figure.savefig(folder.curve_file, dpi=120)
     plt.close(figure)
-    return path
+    return folder.curve_file
 
 
 def main() -> None:

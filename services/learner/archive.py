@@ -34,6 +34,9 @@ class Archive:
         self._expected: dict[int, str] = {}
         folder.checkpoints.mkdir(exist_ok=True)
         folder.snapshots.mkdir(exist_ok=True)
+        for kept in (folder.checkpoints, folder.snapshots):
+            for half_written in kept.glob(".*.tmp"):  # by a learner that was killed
+                half_written.unlink()
         try:
             self._rows = RowFile(folder.episodes_file, EpisodeRow)
         except DamagedRows as error:

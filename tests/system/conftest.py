@@ -1,0 +1,135 @@
+"""Real clusters: real processes, real Zenoh, driven through the command line as a user would."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from common.folder import RunFolder
+from common.locks import living
+from deploy.follow import wait_until
+
+RAILCTL = Path(sys.executable).with_name("railctl")
+PATIENCE_S = 120.0
+EPISODES = 14
+OPTIONS = (
+    f"--level easy --episodes {EPISODES} --seed 7 --set evaluation.every_episodes=7 --set evaluation.levels=2 "
+    "--set dqn.batch_size=32 --set dqn.learn_every_steps=8 --set cluster.snapshot_every_episodes=4"
+).split()
+NOT_OF_THE_CURVE = {"actor", "acting_s", "trained_unix_s", "evaluated_unix_s", "evaluating_s"}
+
+
+class Clusters:
+    """Runs in a folder of their own, and what a user does with them."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.options = OPTIONS
+        self.environment = os.environ | {"RAILCTL_RUNS": str(root), "COLUMNS": "200"}
+
+    def folder(self, name: str) -> RunFolder:
+        return RunFolder(self.root / name)
+
+    def railctl(self, *arguments: str, code: int = 0) -> subprocess.CompletedProcess[str]:
+        """Run a command to its end and check its exit code."""
+        done = subprocess.run(
+            [RAILCTL, *arguments],
+            env=self.environment,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            check=False,
+        )
+        assert done.returncode == code, f"{arguments}: {done.returncode}\n{done.stdout}\n{done.stderr}"
+        return done
+
+    def up(self, name: str, *options: str, code: int = 0) -> subprocess.CompletedProcess[str]:
+        """Start a small run."""
+        return self.railctl("up", "--name", name, *self.options, *options, code=code)
+
+    def start(self, *arguments: str) -> subprocess.Popen[str]:
+        """Start a command that goes on."""
+        return subprocess.Popen(
+            [RAILCTL, *arguments], env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+
+    def status(self, name: str) -> dict:
+        return json.loads(self.railctl("status", name, "--json").stdout)
+
+    def kill(self, name: str, process: str, number: signal.Signals = signal.SIGKILL) -> None:
+        os.kill(living(self.folder(name))[process], number)
+
+    def curve(self, name: str) -> list[dict]:
+        """Episodes and evaluations without who did them and when."""
+        folder = self.folder(name)
+        lines = [*folder.episodes_file.read_text().splitlines(), *folder.evaluations_file.read_text().splitlines()]
+        return [{k: v for k, v in json.loads(line).items() if k not in NOT_OF_THE_CURVE} for line in lines]
+
+    def end(self) -> None:
+        """Leave no process behind, whatever happened."""
+        for path in self.root.iterdir():
+            while processes := living(RunFolder(path)):
+                for pid in processes.values():
+                    os.kill(pid, signal.SIGKILL)
+                wait_until(lambda path=path: not living(RunFolder(path)), 1.0)
+
+
+class Tail:
+    """The rows of a run as `railctl tail --json` prints them; reading one waits for it."""
+
+    def __init__(self, clusters: Clusters, name: str) -> None:
+        self.process = clusters.start("tail", name, "--json")
+        self.rows: list[dict] = []
+        self._watchdog = threading.Timer(PATIENCE_S, self.process.kill)
+        self._watchdog.daemon = True
+        self._watchdog.start()
+
+    def until(self, episodes: int) -> None:
+        """Read on until so many episodes were seen."""
+        while len(self.episodes) < episodes:
+            line = self.process.stdout.readline()
+            assert line, f"the tail ended after {len(self.episodes)} episodes: {self.process.stderr.read()}"
+            self.rows.append(json.loads(line))
+
+    def rest(self) -> None:
+        """Read to the end of the run."""
+        output, _ = self.process.communicate()
+        self._watchdog.cancel()
+        self.rows += [json.loads(line) for line in output.splitlines()]
+
+    @property
+    def episodes(self) -> list[int]:
+        return [row["episode"] for row in self.rows if "actor" in row]
+
+    @property
+    def evaluations(self) -> list[int]:
+        return [row["episode"] for row in self.rows if "actor" not in row]
+
+
+@pytest.fixture(scope="session")
+def clusters(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Clusters]:
+    clusters = Clusters(tmp_path_factory.mktemp("runs"))
+    yield clusters
+    clusters.end()
+
+
+@pytest.fixture
+def tail(clusters: Clusters) -> Callable[[str], Tail]:
+    """Follows a run through `railctl tail --json`."""
+    return lambda name: Tail(clusters, name)
+
+
+@pytest.fixture(scope="session")
+def undisturbed(clusters: Clusters) -> list[dict]:
+    """The curve of the small run with one actor and nothing killed."""
+    clusters.up("undisturbed")
+    curve = clusters.curve("undisturbed")
+    assert len(curve) == EPISODES + 2
+    assert len({row["digest"] for row in curve[:EPISODES]}) == EPISODES
+    return curve

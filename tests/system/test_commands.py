@@ -1,0 +1,112 @@
+"""What a user does to a run, and what goes wrong."""
+
+import json
+import os
+import signal
+
+from common.locks import living
+from deploy.follow import wait_until
+
+EPISODES = 14
+
+
+def test_pause_scale_resume_checkpoint_down_up(clusters, undisturbed, tail):
+    clusters.up("handled", "--detach")
+    rows = tail("handled")
+    rows.until(2)
+    clusters.railctl("pause", "handled")
+    status = clusters.status("handled")
+    assert status["state"] == "paused"
+    done = status["progress"]["done"]
+    clusters.railctl("scale", "handled", "easy=3")
+    assert wait_until(lambda: _running_actors(clusters.status("handled")) == 3, 60)
+    clusters.railctl("scale", "handled", "easy=1")
+    assert wait_until(lambda: "actor-easy-2" not in living(clusters.folder("handled")), 30)
+    assert clusters.status("handled")["progress"]["done"] <= done + 1  # at most the one that was being trained
+    assert json.loads(clusters.railctl("resume", "handled", "--json").stdout)["done"]
+    rows.until(5)
+    clusters.railctl("checkpoint", "handled")
+    clusters.railctl("down", "handled")
+    assert living(clusters.folder("handled")) == {}
+    status = clusters.status("handled")
+    assert status["state"] == "stopped"
+    assert status["progress"]["snapshot"] == status["progress"]["done"] >= 5  # nothing was lost
+    output = clusters.railctl("up", "--name", "handled").stdout
+    assert "Summary" in output
+    assert clusters.folder("handled").curve_file.exists()
+    ours = [row for row in clusters.curve("handled") if "digest" in row or row["episode"] in (7, 14)]
+    assert ours == undisturbed
+
+
+def test_ctrl_c_stops_cleanly_and_a_second_run_goes_on(clusters, undisturbed, tail):
+    foreground = clusters.start("up", "--name", "interrupted", *clusters.options)
+    assert wait_until(clusters.folder("interrupted").episodes_file.exists, 60)
+    rows = tail("interrupted")
+    rows.until(3)
+    foreground.send_signal(signal.SIGINT)
+    output, errors = foreground.communicate(timeout=60)
+    assert foreground.returncode == 0, errors
+    assert "stopping cleanly" in output
+    assert "railctl up --name interrupted goes on" in output
+    assert living(clusters.folder("interrupted")) == {}
+    clusters.railctl("up", "--name", "interrupted")
+    assert clusters.curve("interrupted") == undisturbed
+
+
+def test_a_second_up_attaches_and_another_configuration_is_refused(clusters, tail):
+    clusters.up("twice", "--detach")
+    tail("twice").until(1)
+    before = living(clusters.folder("twice"))
+    assert "is running already" in clusters.up("twice", "--detach").stdout
+    assert living(clusters.folder("twice"))["supervisor"] == before["supervisor"]
+    refused = clusters.railctl("up", "--name", "twice", "--episodes", "99", code=2)
+    assert "episodes 14, not 99" in refused.stderr
+    assert "difficulty hard" in clusters.railctl("scale", "twice", "hard=1", code=1).stderr
+    clusters.railctl("down", "twice", "--force")
+    assert living(clusters.folder("twice")) == {}
+
+
+def test_a_damaged_snapshot_ends_the_run_with_its_name(clusters, tail):
+    clusters.up("damaged", "--detach")
+    rows = tail("damaged")
+    rows.until(5)
+    newest = max(clusters.folder("damaged").snapshots.glob("*.safetensors"))
+    clusters.railctl("pause", "damaged")
+    content = bytearray(newest.read_bytes())
+    content[-1] ^= 1
+    newest.write_bytes(content)
+    clusters.kill("damaged", "learner")
+    rows.rest()
+    status = clusters.status("damaged")
+    assert status["state"] == "failed"
+    assert newest.name in status["problems"][0]
+    assert living(clusters.folder("damaged")) == {}
+    refused = clusters.railctl("up", "--name", "damaged", code=1)
+    assert newest.name in refused.stderr
+    assert len(refused.stderr.strip().splitlines()) == 1
+    assert living(clusters.folder("damaged")) == {}
+
+
+def test_a_process_that_keeps_dying_ends_the_run(clusters, tail):
+    clusters.up("dying", "--set", "cluster.max_restarts=1", "--detach")
+    rows = tail("dying")
+    rows.until(1)
+    folder = clusters.folder("dying")
+    for _ in range(2):
+        assert wait_until(lambda: "evaluator" in living(folder), 30)
+        pid = living(folder)["evaluator"]
+        os.kill(pid, signal.SIGKILL)
+        assert wait_until(lambda pid=pid: living(folder).get("evaluator") != pid, 30)
+    rows.rest()
+    assert "evaluator died (signal 9) 2 times" in clusters.status("dying")["problems"][0]
+    assert living(folder) == {}
+
+
+def test_doctor_finds_this_machine_fit(clusters):
+    report = json.loads(clusters.railctl("doctor", "--json").stdout)
+    assert report["ok"], report
+    assert {check["check"] for check in report["checks"]} >= {"python", "packages", "zenoh", "arithmetic"}
+
+
+def _running_actors(status):
+    return sum(process["role"] == "actor" and process["state"] != "starting" for process in status["processes"])

@@ -1,0 +1,55 @@
+"""The promise of the system: the curve is a function of configuration and seed, whatever happens meanwhile."""
+
+import json
+import signal
+
+from common.locks import living
+from deploy.follow import wait_until
+from deploy.runs import supervised
+
+EPISODES = 14
+KILLED_AFTER = {2: "actor-easy-0", 4: "learner", 6: "evaluator", 8: "router", 10: "supervisor"}
+
+
+def test_three_actors_give_the_curve_of_one(clusters, undisturbed):
+    clusters.up("three", "--actors", "easy=3")
+    assert clusters.curve("three") == undisturbed
+    rows = [json.loads(line) for line in clusters.folder("three").episodes_file.read_text().splitlines()]
+    assert len({row["actor"] for row in rows}) > 1
+
+
+def test_a_lag_gives_its_own_curve_every_time(clusters, undisturbed):
+    clusters.up("lag-a", "--actors", "easy=3", "--lag", "2")
+    clusters.up("lag-b", "--actors", "easy=2", "--lag", "2")
+    assert clusters.curve("lag-a") == clusters.curve("lag-b")
+    assert clusters.curve("lag-a") != undisturbed
+
+
+def test_killing_everything_one_after_another_changes_nothing(clusters, undisturbed, tail):
+    clusters.up("killed", "--actors", "easy=2", "--detach")
+    rows = tail("killed")
+    for episodes, process in KILLED_AFTER.items():
+        rows.until(episodes)
+        clusters.kill("killed", process)
+    assert wait_until(lambda: not supervised(clusters.folder("killed")), 10)
+    assert clusters.status("killed")["state"] == "unsupervised"
+    survivors = living(clusters.folder("killed"))
+    assert survivors  # they worked on without their supervisor
+    clusters.railctl("up", "--name", "killed")
+    rows.rest()
+    assert clusters.curve("killed") == undisturbed
+    assert rows.episodes == list(range(EPISODES))
+    assert rows.evaluations == [7, 14]
+    assert living(clusters.folder("killed")) == {}
+
+
+def test_a_hung_actor_is_killed_and_replaced(clusters, undisturbed, tail):
+    clusters.up("hung", "--set", "cluster.hang_timeout_s=5", "--detach")
+    rows = tail("hung")
+    rows.until(2)
+    before = living(clusters.folder("hung"))["actor-easy-0"]
+    clusters.kill("hung", "actor-easy-0", signal.SIGSTOP)
+    rows.rest()
+    assert clusters.curve("hung") == undisturbed
+    log = (clusters.folder("hung").logs / "supervisor.log").read_text()
+    assert f"sends SIGKILL to actor-easy-0, process {before}" in log

@@ -1,0 +1,95 @@
+"""A run's folder: where things lie, and what a missing or wrong file is called."""
+
+import os
+
+import pytest
+import yaml
+
+from common.bus import NoAnswer
+from common.config import ConfigError, parse_config
+from common.folder import RunFolder, write_atomically
+
+CONFIG = {
+    "algorithm": "dddqn",
+    "mix": {"easy": 1.0},
+    "episodes": 2,
+    "network": {},
+    "dqn": {"learning_rate": 0.001, "batch_size": 8, "learn_every_steps": 4, "replay_capacity": 100},
+    "cluster": {"actors": {"easy": 1}},
+}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return RunFolder(tmp_path)
+
+
+def complaint(folder):
+    with pytest.raises(ConfigError) as caught:
+        folder.config()
+    text = str(caught.value)
+    assert text.startswith(str(folder.config_file))
+    return text
+
+
+def test_everything_lies_within_the_folder_and_nothing_twice(folder):
+    paths = [getattr(folder, name) for name, kind in vars(RunFolder).items() if isinstance(kind, property)]
+    assert len(set(paths)) == len(paths) >= 10
+    assert {path.parent for path in paths} == {folder.path}
+
+
+def test_the_configuration_is_read_and_checked(folder):
+    folder.config_file.write_text(yaml.safe_dump(CONFIG))
+    assert folder.config() == parse_config(CONFIG)
+
+
+def test_a_wrong_configuration_is_named_with_its_file(folder):
+    assert "No such file" in complaint(folder)
+    folder.config_file.write_text(yaml.safe_dump(CONFIG | {"episodes": 0}))
+    assert complaint(folder) == (f"{folder.config_file}: episodes: input should be greater than or equal to 1, not 0")
+    folder.config_file.write_text("- a list")
+    assert complaint(folder) == f"{folder.config_file}: algorithm is missing: give it a value"
+
+
+@pytest.mark.xfail(strict=True, reason="the parser's words come as they are, over many lines")
+def test_a_configuration_that_is_no_yaml_is_named_in_one_line(folder):
+    folder.config_file.write_text("episodes: [1\nseed: {")
+    assert "\n" not in complaint(folder)
+
+
+@pytest.mark.xfail(strict=True, reason="UnicodeDecodeError is no OSError")
+def test_a_configuration_that_is_no_text_is_named(folder):
+    folder.config_file.write_bytes(b"\x89PNG\xff\xfe")
+    complaint(folder)
+
+
+@pytest.mark.parametrize("text", [None, "", "{", "{}", '{"endpoint": "tcp/127.0.0.1:1"}'])
+def test_a_run_without_a_cluster_says_how_to_start_one(folder, text):
+    if text is not None:
+        folder.cluster_file.write_text(text)
+    with pytest.raises(NoAnswer, match=f"run {folder.path.name} has no cluster: start one with railctl up"):
+        folder.endpoint_and_namespace()
+
+
+def test_where_the_cluster_is(folder):
+    folder.cluster_file.write_text('{"endpoint": "tcp/127.0.0.1:1", "namespace": "railctl/1", "actors": {"easy": 1}}')
+    assert folder.endpoint_and_namespace() == ("tcp/127.0.0.1:1", "railctl/1")
+
+
+def test_a_file_is_replaced_in_one_step(tmp_path, monkeypatch):
+    path = tmp_path / "file.json"
+    write_atomically(path, "one")
+    before = path.stat().st_ino
+    write_atomically(path, "two")
+    assert path.read_text() == "two"
+    assert path.stat().st_ino != before  # a reader of the old one still reads the old one
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file.json"]
+
+    def break_off(*_arguments):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(os, "replace", break_off)
+    monkeypatch.setattr(type(path), "replace", break_off)
+    with pytest.raises(OSError, match="disk full"):
+        write_atomically(path, "three")
+    assert path.read_text() == "two"

@@ -1,0 +1,207 @@
+"""What every process shares: it stops when told, beats once a second, and takes its place alone."""
+
+import json
+import logging
+import os
+import signal
+import subprocess
+import sys
+from queue import SimpleQueue
+
+import pytest
+import yaml
+
+from common import process
+from common.bus import NoAnswer, open_bus, open_router
+from common.config import ConfigError, parse_config
+from common.folder import RunFolder
+from common.locks import RunsAlreadyError, holder, sole
+from common.process import EXIT_FATAL, Fatal, Heart, Stopping, run_service, take_place
+from common.wire import keys
+from common.wire.keys import Alive
+from deploy.launch import LOOPBACK, free_port
+
+PATIENCE_S = 10.0
+CONFIG = parse_config(
+    {
+        "algorithm": "dddqn",
+        "mix": {"easy": 1.0},
+        "episodes": 2,
+        "network": {},
+        "dqn": {"learning_rate": 0.001, "batch_size": 8, "learn_every_steps": 4, "replay_capacity": 100},
+        "cluster": {"actors": {"easy": 1}},
+    }
+)
+
+WAITER = """
+import sys
+from common.process import Stopping
+stopping = Stopping()
+print("waits", flush=True)
+stopping.wait(600)
+print("asked" if stopping.asked else "nobody asked", flush=True)
+stopping.wait(600)
+print("ends", flush=True)
+"""
+
+
+@pytest.fixture
+def handlers():
+    """The signal handlers, as they were."""
+    numbers = (signal.SIGTERM, signal.SIGINT)
+    before = [signal.getsignal(number) for number in numbers]
+    yield
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_wait_ends_when_somebody_asks_to_stop(number):
+    with subprocess.Popen([sys.executable, "-c", WAITER], stdout=subprocess.PIPE, text=True) as child:
+        try:
+            assert child.stdout.readline() == "waits\n"
+            child.send_signal(number)
+            assert child.communicate(timeout=PATIENCE_S)[0] == "asked\nends\n"
+            assert child.returncode == 0
+        finally:
+            child.kill()
+
+
+def test_a_wait_that_nobody_ends_lasts_its_time(handlers, monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(process, "time", clock)
+    stopping = Stopping()
+    stopping.wait(1.0)
+    assert clock.now == pytest.approx(1.0)
+    assert not stopping.asked
+
+
+class Clock:
+    """A clock that moves when somebody sleeps."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def monotonic(self):
+        return self.now
+
+    def sleep(self, seconds):
+        assert seconds <= process.STRETCH_S
+        self.now += seconds
+
+
+class Wire:
+    """Keeps what is published."""
+
+    def __init__(self):
+        self.published = []
+
+    def publish(self, topic, record):
+        assert topic is keys.HEARTBEATS
+        self.published.append(record)
+
+
+def test_a_heart_beats_at_most_once_a_second_unless_it_must(monkeypatch):
+    clock, wire = Clock(), Wire()
+    clock.now = 100.0
+    monkeypatch.setattr(process, "time", clock)
+    heart = Heart(wire, "learner", "learner")
+    heart.beat("starting")
+    heart.beat("training", lambda: pytest.fail("counted for nothing"))
+    clock.now += 0.99
+    heart.beat("training")
+    assert len(wire.published) == 1
+    clock.now += 0.01
+    heart.beat("training", lambda: {"done": 3.0})
+    heart.beat("finished", now=True)
+    clock.now += 0.5
+    heart.beat("finished")
+    assert [(beat.state, beat.counters) for beat in wire.published] == [
+        ("starting", {}),
+        ("training", {"done": 3.0}),
+        ("finished", {}),
+    ]
+    assert {(beat.process, beat.role, beat.pid) for beat in wire.published} == {("learner", "learner", os.getpid())}
+
+
+@pytest.mark.parametrize("error", [Fatal("no more"), ConfigError("no more"), RunsAlreadyError("no more")])
+def test_what_a_restart_cannot_mend_ends_with_its_own_code_and_one_line(error, caplog):
+    def main():
+        raise error
+
+    with pytest.raises(SystemExit) as caught:
+        run_service(main)
+    assert caught.value.code == EXIT_FATAL == 3
+    assert [(record.levelno, record.getMessage()) for record in caplog.records] == [(logging.ERROR, "no more")]
+    assert caplog.records[0].exc_info is None
+
+
+def test_other_errors_are_not_hidden():
+    def main():
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        run_service(main)
+
+
+def test_a_service_that_ends_well_just_ends():
+    done = []
+    run_service(lambda: done.append(True))
+    assert done == [True]
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A run whose router listens."""
+    folder = RunFolder(tmp_path)
+    endpoint = f"tcp/{LOOPBACK}:{free_port()}"
+    folder.config_file.write_text(yaml.safe_dump(CONFIG.model_dump(mode="json")))
+    folder.cluster_file.write_text(json.dumps({"endpoint": endpoint, "namespace": "railctl/test"}))
+    with open_router(endpoint):
+        yield folder
+
+
+def test_a_place_has_a_token_a_heart_and_a_name_of_its_own(run, handlers):
+    changes, beats = SimpleQueue(), SimpleQueue()
+    with open_bus(*run.endpoint_and_namespace(), PATIENCE_S) as watcher:
+        watcher.watch_alive(keys.ALL_ALIVE, lambda alive, there: changes.put((alive, there)))
+        watcher.subscribe(keys.HEARTBEATS, beats.put)
+        with take_place(run, "actor-easy-0", "actor") as place:
+            alive = Alive("actor", "actor-easy-0", place.incarnation)
+            assert changes.get(timeout=PATIENCE_S) == (alive, True)
+            assert (place.config, place.name, place.folder) == (CONFIG, "actor-easy-0", run)
+            assert holder(run, "actor-easy-0") == os.getpid()
+            assert not place.stopping.asked
+            os.kill(os.getpid(), signal.SIGTERM)
+            place.stopping.wait(PATIENCE_S)
+            assert place.stopping.asked
+            place.heart.beat("acting", now=True)
+            while beats.get(timeout=PATIENCE_S).state != "acting":
+                pass  # "starting" comes first, or came too early to be heard
+        assert changes.get(timeout=PATIENCE_S) == (alive, False)
+        assert holder(run, "actor-easy-0") is None
+        with take_place(run, "actor-easy-0", "actor") as again:
+            assert again.incarnation != place.incarnation
+
+
+def test_a_place_that_is_taken_is_not_taken_twice(run, handlers, monkeypatch):
+    monkeypatch.setattr("common.locks.PATIENCE_S", 0.05)
+    with (
+        sole(run, "learner"),
+        pytest.raises(RunsAlreadyError, match="learner of run"),
+        take_place(run, "learner", "learner"),
+    ):
+        pass
+
+
+def test_a_place_needs_a_configuration_and_a_cluster(tmp_path, handlers):
+    folder = RunFolder(tmp_path)
+    with pytest.raises(ConfigError, match=r"config\.yaml cannot be read"), take_place(folder, "learner", "learner"):
+        pass
+    folder.config_file.write_text(yaml.safe_dump(CONFIG.model_dump(mode="json")))
+    with (
+        pytest.raises(NoAnswer, match="has no cluster: start one with railctl up"),
+        take_place(folder, "learner", "learner"),
+    ):
+        pass
+    assert holder(folder, "learner") is None

@@ -1,0 +1,137 @@
+"""Row files: a line that was cut off in mid-write never counts, and a damaged one is named."""
+
+import os
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.records import EpisodeRow
+from common.rows import DamagedRows, RowFile, read_rows
+
+
+def row(number, normalised_return=-0.5):
+    return EpisodeRow(
+        episode=number,
+        level="easy",
+        seed=7,
+        normalised_return=normalised_return,
+        arrived=1,
+        trains=2,
+        steps=30,
+        decisions=4,
+        epsilon=0.1,
+        weights_version=number,
+        digest=f"{number:032x}",
+        actor="actor-easy-0",
+        acting_s=0.25,
+        trained_unix_s=1000.125,
+    )
+
+
+def written(path, count):
+    file = RowFile(path, EpisodeRow)
+    for number in range(count):
+        file.append(row(number))
+    file.close()
+    return path
+
+
+def test_no_file_has_no_rows(tmp_path):
+    assert read_rows(tmp_path / "none.jsonl", EpisodeRow) == []
+    assert not (tmp_path / "none.jsonl").exists()
+
+
+def test_rows_come_back_and_each_is_readable_at_once(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    file = RowFile(path, EpisodeRow)
+    for number in range(3):
+        file.append(row(number))
+        assert read_rows(path, EpisodeRow) == file.rows == [row(n) for n in range(number + 1)]
+    file.close()
+    assert path.read_bytes().count(b"\n") == 3
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_numbers_come_back_to_the_last_bit(tmp_path_factory, value):
+    path = tmp_path_factory.mktemp("rows") / "rows.jsonl"
+    file = RowFile(path, EpisodeRow)
+    file.append(row(0, value))
+    file.close()
+    [back] = read_rows(path, EpisodeRow)
+    assert repr(back.normalised_return) == repr(value)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.data())
+def test_a_file_cut_anywhere_holds_the_first_rows_and_goes_on_from_there(tmp_path_factory, data):
+    path = written(tmp_path_factory.mktemp("rows") / "rows.jsonl", 3)
+    whole = path.read_bytes()
+    size = data.draw(st.integers(0, len(whole)))
+    path.write_bytes(whole[:size])
+    kept = whole[:size].count(b"\n")
+    expected = [row(number) for number in range(kept)]
+    assert read_rows(path, EpisodeRow) == expected
+    assert path.stat().st_size == size  # reading changes nothing
+
+    file = RowFile(path, EpisodeRow)
+    assert file.rows == expected
+    assert path.read_bytes() == b"".join(whole.splitlines(keepends=True)[:kept])
+    for number in range(kept, 3):
+        file.append(row(number))
+    file.close()
+    assert path.read_bytes() == whole
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"",
+        b"{",
+        b"5",
+        b"null",
+        b"\xff\xfe",
+        b'{"episode": 1}',
+        row(1).model_dump_json(by_alias=True).replace("-0.5", "NaN").encode(),
+        row(1).model_dump_json(by_alias=True).replace('"easy"', '"none"').encode(),
+        row(1).model_dump_json(by_alias=True).replace('"level"', '"colour"').encode(),
+    ],
+)
+def test_a_damaged_line_before_the_end_is_named(tmp_path, line):
+    path = written(tmp_path / "rows.jsonl", 3)
+    lines = path.read_bytes().split(b"\n")
+    path.write_bytes(b"\n".join([lines[0], line, *lines[2:]]))
+    before = path.read_bytes()
+    for read in (read_rows, RowFile):
+        with pytest.raises(DamagedRows) as caught:
+            read(path, EpisodeRow)
+        assert str(caught.value) == (
+            f"{path} line 2 is not a valid row: delete this and all later lines to lose only those"
+        )
+    assert path.read_bytes() == before
+
+
+def test_cutting_returns_what_it_cuts_off_and_the_file_goes_on(tmp_path):
+    path = written(tmp_path / "rows.jsonl", 5)
+    file = RowFile(path, EpisodeRow)
+    assert file.cut(2) == [row(2), row(3), row(4)]
+    assert read_rows(path, EpisodeRow) == file.rows == [row(0), row(1)]
+    file.append(row(9))
+    assert read_rows(path, EpisodeRow) == file.rows == [row(0), row(1), row(9)]
+    assert file.cut(3) == []
+    assert file.cut(7) == []
+    assert file.cut(0) == [row(0), row(1), row(9)]
+    assert path.read_bytes() == b""
+    file.close()
+
+
+def test_rows_are_on_disk_when_sync_returns(tmp_path, monkeypatch):
+    synced = []
+    monkeypatch.setattr(os, "fsync", lambda number: synced.append(os.fstat(number).st_size))
+    path = tmp_path / "rows.jsonl"
+    file = RowFile(path, EpisodeRow)
+    file.append(row(0))
+    file.sync()
+    file.close()
+    assert synced == [path.stat().st_size]

@@ -1,0 +1,372 @@
+"""The ledger: every episode is trained once and in order, whoever dies and whatever gets lost."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+from common.config import DIFFICULTIES
+from common.records import Episode
+from services.learner.ledger import Ledger
+
+
+def acted(number, level="easy"):
+    """An episode as small as one can be."""
+    return Episode(
+        episode=number,
+        level=level,
+        level_seed=0,
+        level_hash="0" * 32,
+        weights_version=0,
+        actor="a",
+        acting_s=0.0,
+        max_steps=1,
+        observations=np.zeros((0, 1), np.float32),
+        times=np.zeros(0, np.int32),
+        trains=np.zeros(0, np.int32),
+        actions=np.zeros(0, np.int8),
+        rewards=np.zeros((1, 1), np.float32),
+        arrived_at=np.zeros(1, np.int32),
+        final_observations=np.zeros((1, 1), np.float32),
+    )
+
+
+def ledger(levels="eeee", lag=0, trained=0, actors=("a", "b")):
+    names = {level[0]: level for level in DIFFICULTIES}
+    made = Ledger([names[letter] for letter in levels], lag, trained)
+    for incarnation in actors:
+        made.actor_came(incarnation)
+    return made
+
+
+def train_one(made):
+    assert made.next_ready() is not None
+    made.mark_trained()
+
+
+def test_without_lag_one_episode_at_a_time_is_leased():
+    made = ledger(lag=0)
+    assert made.grant("a", "any") == 0
+    assert made.grant("b", "any") is None
+    assert made.next_ready() is None
+    assert made.receive(acted(0))
+    assert made.grant("b", "any") is None  # episode 1 needs the weights after episode 0
+    train_one(made)
+    assert made.grant("b", "any") == 1
+
+
+def test_lag_leases_as_many_episodes_more_at_a_time():
+    made = ledger("eeeeee", lag=2, actors="abcd")
+    assert [made.grant(actor, "any") for actor in "abcd"] == [0, 1, 2, None]
+    assert made.receive(acted(1))
+    assert made.grant("b", "any") is None
+    assert made.next_ready() is None  # training is strictly in order
+    assert made.receive(acted(0))
+    assert made.next_ready().episode == 0
+    train_one(made)
+    assert made.next_ready().episode == 1
+    train_one(made)
+    assert [made.grant(actor, "any") for actor in "abd"] == [3, 4, None]
+
+
+@pytest.mark.parametrize(("lag", "versions"), [(0, [0, 1, 2, 3]), (1, [0, 0, 1, 2]), (3, [0, 0, 0, 0])])
+def test_an_episode_acts_with_the_weights_after_the_one_lag_and_one_before_it(lag, versions):
+    assert [ledger(lag=lag).weights_version(episode) for episode in range(4)] == versions
+
+
+def test_actors_get_only_the_difficulties_that_they_serve():
+    made = ledger("ehme", lag=3, actors="abcd")
+    assert made.waiting() == {"easy": 2, "hard": 1, "medium": 1}
+    assert made.grant("a", "hard") == 1
+    assert made.grant("b", "hard") is None
+    assert made.grant("b", "easy") == 0
+    assert made.waiting() == {"easy": 1, "medium": 1}
+    assert made.grant("c", "any") == 2
+    assert made.grant("d", "easy") == 3
+    assert made.waiting() == {}
+    assert made.leased == 4
+
+
+def test_who_is_not_known_to_live_gets_no_lease():
+    made = ledger(actors=())
+    assert made.grant("a", "any") is None
+    made.actor_came("a")
+    made.actor_gone("a")
+    assert made.grant("a", "any") is None
+    assert made.leased == 0
+
+
+def test_what_a_dead_actor_had_leased_is_leased_anew():
+    made = ledger(lag=1, actors="abc")
+    assert [made.grant(actor, "any") for actor in "ab"] == [0, 1]
+    made.actor_gone("a")
+    assert made.reissued == 1
+    assert made.waiting() == {"easy": 1}
+    assert made.grant("c", "any") == 0
+    made.actor_gone("a")  # told twice
+    assert made.reissued == 1
+
+
+def test_a_lease_that_never_reached_its_actor_ends_when_the_actor_asks_again():
+    made = ledger()
+    assert made.grant("a", "any") == 0
+    assert made.missing("a", []) == []
+    assert made.reissued == 1
+    assert made.grant("b", "any") == 0
+
+
+def test_a_kept_episode_that_got_lost_is_missing_and_stays_with_its_actor():
+    made = ledger()
+    assert made.grant("a", "any") == 0
+    assert made.missing("a", [0]) == [0]
+    assert made.reissued == 0
+    assert made.grant("b", "any") is None
+    assert made.receive(acted(0))
+    assert made.missing("a", [0]) == []
+    assert made.reissued == made.leased == 0
+
+
+def test_an_actor_that_is_not_known_to_live_is_asked_for_what_is_missing_but_holds_no_lease():
+    made = ledger(actors="b")
+    assert made.missing("a", [0]) == [0]
+    assert made.leased == 0
+    assert made.grant("b", "any") == 0
+
+
+def test_only_untrained_episodes_of_this_run_that_are_not_here_are_missing():
+    made = ledger("eeee", lag=3, trained=1)
+    assert made.receive(acted(2))
+    assert made.missing("a", [0, 1, 2, 3, 4, 99]) == [1, 3]
+
+
+def test_duplicates_are_dropped_and_counted():
+    made = ledger(lag=1)
+    assert made.grant("a", "any") == 0
+    assert made.receive(acted(0))
+    assert not made.receive(acted(0))
+    train_one(made)
+    assert not made.receive(acted(0))
+    assert made.duplicates == 2
+    assert made.next_ready() is None
+
+
+def test_an_episode_counts_whoever_brings_it():
+    made = ledger()
+    assert made.grant("a", "any") == 0
+    made.actor_gone("a")
+    assert made.grant("b", "any") == 0
+    assert made.receive(acted(0))  # what the dead actor published last
+    assert made.leased == 0
+    train_one(made)
+    assert made.grant("b", "any") == 1
+
+
+def test_a_ledger_goes_on_from_a_snapshot():
+    made = ledger(lag=1, trained=2)
+    assert made.trained == 2
+    assert [made.grant(actor, "any") for actor in "ab"] == [2, 3]
+    assert not made.receive(acted(1))
+
+
+def test_a_run_is_finished_when_all_is_trained():
+    made = ledger("ee")
+    assert made.total == 2
+    for number in range(2):
+        assert not made.finished
+        assert made.grant("a", "any") == number
+        assert made.receive(acted(number))
+        train_one(made)
+    assert made.finished
+    assert made.grant("a", "any") is None
+    assert made.waiting() == {}
+    assert ledger("ee", trained=2).finished
+
+
+@dataclass
+class Actor:
+    """An actor as the world sees it: what it acts, and what it keeps."""
+
+    incarnation: str
+    serves: str
+    acting: int | None = None
+    kept: set[int] = field(default_factory=set)
+
+
+class Run(RuleBasedStateMachine):
+    """A learner's ledger among actors that come and die, messages that get lost, and restarts of the learner."""
+
+    actors = Bundle("actors")
+
+    @initialize(levels=st.text("emh", min_size=1, max_size=10), lag=st.integers(0, 3))
+    def begin(self, levels, lag):
+        names = {level[0]: level for level in DIFFICULTIES}
+        self.levels = [names[letter] for letter in levels]
+        self.lag = lag
+        self.snapshot = 0
+        self.living = {}
+        self.doubtful = set()  # episodes whose leases a restart made the ledger forget
+        self.born = 0
+        self.open_ledger()
+
+    def open_ledger(self):
+        self.ledger = Ledger(self.levels, self.lag, self.snapshot)
+        self.trained = list(range(self.snapshot))
+
+    # What happens
+
+    @rule(target=actors, serves=st.sampled_from([*DIFFICULTIES, "any"]), known=st.booleans())
+    def comes(self, serves, known):
+        self.born += 1
+        actor = Actor(f"incarnation-{self.born}", serves)
+        self.living[actor.incarnation] = actor
+        if known:  # or its token is seen later
+            self.ledger.actor_came(actor.incarnation)
+        return actor
+
+    @rule(actor=actors)
+    def token_is_seen(self, actor):
+        if actor.incarnation in self.living:
+            self.ledger.actor_came(actor.incarnation)
+
+    @rule(actor=actors)
+    def token_is_lost_for_a_moment(self, actor):
+        if actor.incarnation in self.living:
+            self.doubt([actor])
+            self.ledger.actor_gone(actor.incarnation)
+
+    @rule(actor=actors)
+    def dies(self, actor):
+        if self.living.pop(actor.incarnation, None):
+            self.ledger.actor_gone(actor.incarnation)
+
+    @rule(actor=actors, answer_lost=st.booleans(), published_again=st.booleans())
+    def asks(self, actor, answer_lost, published_again):
+        if actor.incarnation in self.living and actor.acting is None:
+            self.ask(actor, answer_lost=answer_lost, published_again=published_again)
+
+    @rule(actor=actors)
+    def a_dead_one_is_heard_late(self, actor):
+        if actor.incarnation not in self.living:
+            self.ledger.missing(actor.incarnation, sorted(actor.kept))
+            assert self.ledger.grant(actor.incarnation, actor.serves) is None
+
+    @rule(actor=actors, lost=st.booleans())
+    def finishes_its_episode(self, actor, lost):
+        if actor.incarnation in self.living and actor.acting is not None:
+            self.finish(actor, lost=lost)
+
+    @rule(actor=actors, data=st.data())
+    def publishes_twice(self, actor, data):
+        if actor.kept:
+            self.arrives(data.draw(st.sampled_from(sorted(actor.kept))))
+
+    @rule()
+    def trains(self):
+        self.train()
+
+    @rule()
+    def snapshots(self):
+        self.snapshot = self.ledger.trained
+
+    @rule()
+    def learner_restarts(self):
+        self.doubt(self.living.values())
+        self.open_ledger()
+        for incarnation in self.living:
+            self.ledger.actor_came(incarnation)
+
+    # How actors and the learner behave
+
+    def ask(self, actor, *, answer_lost=False, published_again=True):
+        missing = self.ledger.missing(actor.incarnation, sorted(actor.kept))
+        granted = None
+        if not missing:
+            granted = self.ledger.grant(actor.incarnation, actor.serves)
+            if granted is not None:
+                self.check_grant(granted, actor)
+        if answer_lost:
+            return
+        actor.kept = {episode for episode in actor.kept if episode >= self.snapshot}
+        for episode in missing:
+            assert episode in actor.kept
+            if published_again:
+                self.arrives(episode)
+        actor.acting = granted
+
+    def check_grant(self, episode, actor):
+        trained = self.ledger.trained
+        assert trained <= episode <= trained + self.lag
+        assert self.levels[episode] == actor.serves or actor.serves == "any"
+        version = self.ledger.weights_version(episode)
+        assert version == max(0, episode - self.lag) <= trained
+        assert version >= trained - self.lag  # the learner keeps no older ones
+        if episode not in self.doubtful:
+            assert all(other.acting != episode for other in self.living.values())
+
+    def finish(self, actor, *, lost=False):
+        episode, actor.acting = actor.acting, None
+        actor.kept.add(episode)
+        if not lost:
+            self.arrives(episode)
+
+    def arrives(self, number):
+        known = number < self.ledger.trained or number in self.ledger._received
+        duplicates = self.ledger.duplicates
+        assert self.ledger.receive(acted(number, self.levels[number])) is not known
+        assert self.ledger.duplicates == duplicates + known
+
+    def train(self):
+        while (episode := self.ledger.next_ready()) is not None:
+            assert episode.episode == len(self.trained)
+            self.trained.append(episode.episode)
+            self.ledger.mark_trained()
+
+    def doubt(self, actors):
+        for actor in actors:
+            self.doubtful |= actor.kept | {actor.acting}
+
+    # What always holds
+
+    @precondition(lambda self: hasattr(self, "ledger"))
+    @invariant()
+    def every_episode_is_trained_once_and_in_order(self):
+        assert self.trained == list(range(self.ledger.trained))
+        assert self.snapshot <= self.ledger.trained <= self.ledger.total
+
+    @precondition(lambda self: hasattr(self, "ledger"))
+    @invariant()
+    def only_the_living_hold_leases(self):
+        assert set(self.ledger._leases.values()) <= set(self.living)
+
+    @precondition(lambda self: hasattr(self, "ledger"))
+    @invariant()
+    def every_episode_of_the_window_is_waiting_leased_or_here(self):
+        window = range(self.ledger.trained, min(self.ledger.trained + self.lag + 1, self.ledger.total))
+        here = sum(episode in self.ledger._received for episode in window)
+        leased = sum(episode in self.ledger._leases for episode in window)
+        assert sum(self.ledger.waiting().values()) + leased + here == len(window)
+
+    def teardown(self):
+        """With an actor that serves everything, and nothing lost any more, the run ends."""
+        if not hasattr(self, "ledger"):
+            return
+        self.living["last"] = Actor("last", "any")
+        for incarnation in self.living:
+            self.ledger.actor_came(incarnation)
+        for _ in range(3 * len(self.levels) + 3):
+            for actor in self.living.values():
+                if actor.acting is not None:
+                    self.finish(actor)
+                self.ask(actor)
+            self.train()
+        assert self.ledger.finished
+        assert self.trained == list(range(len(self.levels)))
+
+
+TestRun = Run.TestCase
+TestRun.settings = settings(
+    max_examples=80, stateful_step_count=40, deadline=None, suppress_health_check=list(HealthCheck)
+)
