@@ -82,9 +82,7 @@ class ClusterConfig(Strict):
     cores: int = Field(default=2, ge=1)
     port: int = Field(default=0, ge=0, le=65535)  # 0: any free one
     snapshot_every_episodes: int = Field(default=50, ge=1)
-    hang_timeout_s: float = Field(
-        default=60.0, ge=5, allow_inf_nan=False
-    )  # silent for longer: killed, started anew
+    hang_timeout_s: float = Field(default=60.0, ge=5, allow_inf_nan=False)  # silent for longer: killed, started anew
     max_restarts: int = Field(default=5, ge=0)  # of one process within `restart_window_s`
     restart_window_s: Positive = 120.0
 

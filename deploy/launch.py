@@ -15,11 +15,11 @@ from pathlib import Path
 
 import yaml
 
-from common import checkpoint
 from common.checkpoint import CheckpointError
 from common.config import ConfigError, RunConfig
 from common.folder import RunFolder, write_atomically
 from common.locks import living
+from common.snapshots import newest_snapshot
 from deploy.plan import ENVIRONMENT
 from deploy.runs import Failed, runs_root, supervised
 
@@ -72,12 +72,10 @@ def check_existing(folder: RunFolder, config: RunConfig) -> None:
     check_machine(config)
     if not os.access(folder.path, os.W_OK):
         raise Failed(f"cannot write to {folder.path}: make it writable, or copy the run to another folder")
-    newest = max(folder.snapshots.glob("*.safetensors"), default=None)
-    if newest is not None:
-        try:
-            checkpoint.load(newest, "snapshot")
-        except CheckpointError as error:
-            raise Failed(str(error)) from None
+    try:
+        newest_snapshot(folder)
+    except CheckpointError as error:
+        raise Failed(str(error)) from None
 
 
 def check_machine(config: RunConfig) -> None:

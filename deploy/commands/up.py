@@ -7,6 +7,7 @@ import typer
 
 from common.config import RunConfig
 from common.folder import RunFolder
+from common.locks import living
 from common.records import EpisodeRow, EvaluationRow
 from common.rows import read_rows
 from deploy.commands.scale import scale_to
@@ -49,6 +50,10 @@ def up(
     }
     given = merge(merge(given, without_none(options)), parse_sets(settings or []))
     folder, config = prepare(name, given)
+    if outcome_of(folder)[0] == "finished" and not living(folder):
+        console.print(f"run {folder.path.name} is finished", markup=False)
+        conclude(folder)
+        return
     if supervised(folder):
         console.print(f"run {folder.path.name} is running already", markup=False)
         if actors:

@@ -4,24 +4,22 @@ import json
 import logging
 import platform
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from common import checkpoint
-from common.checkpoint import CheckpointError
+from common.checkpoint import CheckpointError, Tensors
 from common.config import RunConfig
 from common.folder import RunFolder
 from common.process import Fatal
 from common.records import EpisodeRow
 from common.rows import DamagedRows, RowFile
+from common.snapshots import newest_snapshot
 
 log = logging.getLogger(__name__)
 
 KEPT_SNAPSHOTS = 2
-Tensors = dict[str, NDArray[Any]]
 
 
 class Archive:
@@ -54,22 +52,22 @@ class Archive:
         Raises:
             Fatal: the snapshot is damaged, belongs to another configuration, or rows are missing.
         """
-        newest = max(self._folder.snapshots.glob("*.safetensors"), default=None)
+        try:
+            newest = newest_snapshot(self._folder)
+        except CheckpointError as error:
+            raise Fatal(str(error)) from None
         tensors: Tensors | None = None
         if newest is not None:
-            try:
-                tensors, metadata = checkpoint.load(newest, "snapshot")
-            except CheckpointError as error:
-                raise Fatal(str(error)) from None
+            tensors, metadata = newest
             if metadata["science"] != self._science:
-                raise Fatal(f"{newest} was made with another configuration: restore config.yaml or use a new run name")
+                raise Fatal("the newest snapshot has another configuration: restore config.yaml or use a new run name")
             self.snapshot = int(metadata["episode"])
             if metadata["arithmetic"] != arithmetic():
                 self.exact_until = self.snapshot
                 log.warning("exactness ends at episode %d: snapshot %s", self.snapshot, metadata["arithmetic"])
         if len(self.rows) < self.snapshot:
             raise Fatal(
-                f"{self._folder.episodes_file} has {len(self.rows)} rows, {newest} needs {self.snapshot}: "
+                f"{self._folder.episodes_file} has {len(self.rows)} rows, the newest snapshot has {self.snapshot}: "
                 "restore the file, or delete snapshots that are newer than its last row"
             )
         self._expected = {row.episode: row.digest for row in self._rows.cut(self.snapshot)}
@@ -82,12 +80,12 @@ class Archive:
             log.error("episode %d is not what it was before the restart: %s, then %s", row.episode, before, row.digest)
         self._rows.append(row)
 
-    def save_snapshot(self, state: Tensors, episode: int) -> None:
-        """Write everything that training goes on from; the last two are kept."""
+    def save_snapshot(self, state: Tensors, episode: int, kept: int = KEPT_SNAPSHOTS) -> None:
+        """Write everything that training goes on from, and keep the last few."""
         self._rows.sync()
         checkpoint.save(_file(self._folder.snapshots, episode), state, self._metadata(episode), "snapshot")
         self.snapshot = episode
-        for old in sorted(self._folder.snapshots.glob("*.safetensors"))[:-KEPT_SNAPSHOTS]:
+        for old in sorted(self._folder.snapshots.glob("*.safetensors"))[:-kept]:
             old.unlink()
 
     def save_checkpoint(self, weights: Tensors, episode: int) -> Path:

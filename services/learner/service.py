@@ -34,7 +34,7 @@ from common.records import (
 from common.seeding import training_level_seed
 from common.wire import keys
 from common.wire.keys import Alive
-from services.learner.archive import Archive
+from services.learner.archive import KEPT_SNAPSHOTS, Archive
 from services.learner.ledger import Ledger
 from services.learner.schedule import difficulties
 from services.learner.training import Trainer
@@ -268,7 +268,8 @@ class Learner:
         )
 
     def _save_snapshot(self) -> None:
-        self._archive.save_snapshot(self._trainer.state(), self._ledger.trained)
+        kept = 1 if self._ledger.finished else KEPT_SNAPSHOTS
+        self._archive.save_snapshot(self._trainer.state(), self._ledger.trained, kept)
 
     def _save_checkpoint(self) -> str:
         path = self._archive.save_checkpoint(self._trainer.weights(), self._ledger.trained)
