@@ -30,6 +30,7 @@ log = logging.getLogger(__name__)
 LEASE_MS = 2000  # a silent peer's tokens vanish after this
 NO_TIMEOUT_MS = -1
 STRETCH_S = 0.1
+MAX_REASON_BYTES = 1000
 GRACE_S = 1.0  # zenoh itself ends a question at its time-out; this is for when it does not
 
 
@@ -150,7 +151,7 @@ class Bus:
         if reply is None:
             raise NoAnswer(f"{service.key}: nobody answers")
         if reply.ok is None:
-            text = reply.err.payload.to_string()
+            text = reply.err.payload.to_bytes()[:MAX_REASON_BYTES].decode(errors="replace")
             raise NoAnswer(f"{service.key}: {text}")
         try:
             return decode(service.answer, str(reply.ok.encoding), reply.ok.payload.to_bytes())
@@ -186,7 +187,10 @@ class Bus:
 
     def _dispatch(self) -> None:
         while (task := self._arrived.get()) is not None:
-            task()
+            try:
+                task()
+            except Exception:
+                log.exception("a message could not be handed on")  # the next one may be
 
     def _key(self, key: str) -> str:
         return f"{self._namespace}/{key}"

@@ -13,6 +13,8 @@ Difficulty = Literal["easy", "medium", "hard"]
 Serves = Literal["easy", "medium", "hard", "any"]  # what an actor acts
 DIFFICULTIES: tuple[Difficulty, ...] = ("easy", "medium", "hard")
 
+MAX_ACTORS = 256  # of one difficulty
+
 Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -78,7 +80,7 @@ class EvaluationConfig(Strict):
 class ClusterConfig(Strict):
     """How the work is carried out; nothing here changes a learning curve."""
 
-    actors: dict[Serves, Annotated[int, Field(ge=0, le=256)]]
+    actors: dict[Serves, Annotated[int, Field(ge=0, le=MAX_ACTORS)]]
     cores: int = Field(default=2, ge=1)
     port: int = Field(default=0, ge=0, le=65535)  # 0: any free one
     snapshot_every_episodes: int = Field(default=50, ge=1)

@@ -69,8 +69,10 @@ class RunFolder:
         """
         try:
             data = yaml.safe_load(self.config_file.read_text())
-        except (OSError, yaml.YAMLError) as error:
-            raise ConfigError(f"{self.config_file} cannot be read: {error}") from None
+        except OSError as error:
+            raise ConfigError(f"{self.config_file} cannot be read: {error.strerror}") from None
+        except (yaml.YAMLError, ValueError) as error:
+            raise ConfigError(f"{self.config_file} is not YAML: {' '.join(str(error).split())}") from None
         try:
             return parse_config(data if isinstance(data, dict) else {})
         except ConfigError as error:

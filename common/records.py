@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, model_validator
 from pydantic_core import CoreSchema, core_schema
 
-from common.config import Difficulty, Serves
+from common.config import MAX_ACTORS, Difficulty, Serves
 
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
 Text = Annotated[str, Field(max_length=4096)]
@@ -258,7 +258,7 @@ class LearnerCommand(Record):
 class ScaleRequest(Record):
     """How many actors there shall be for each named difficulty; others stay as they are."""
 
-    actors: dict[Serves, Annotated[int, Field(ge=0, le=256)]]
+    actors: dict[Serves, Annotated[int, Field(ge=0, le=MAX_ACTORS)]]
 
 
 class CommandAnswer(Record):

@@ -32,7 +32,7 @@ def status_from_files(folder: RunFolder) -> Status:
     episodes = read_rows(folder.episodes_file, EpisodeRow)
     evaluations = read_rows(folder.evaluations_file, EvaluationRow)
     checkpoints = len(list(folder.checkpoints.glob("*.safetensors"))) * len(config.mix)
-    snapshots = [int(path.stem) for path in folder.snapshots.glob("*.safetensors")]
+    snapshots = [int(path.stem) for path in folder.snapshots.glob("*.safetensors") if path.stem.isdecimal()]
     recent = [row.normalised_return for row in episodes[-100:]]
     alive = living(folder)
     outcome, reason = outcome_of(folder)

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 import uuid
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from deploy.runs import Failed, runs_root, supervised
 
 LOOPBACK = "127.0.0.1"
 PORTS = range(10_000, 32_000)  # below the ports that systems give to outgoing connections
-NAME_FORM = re.compile(r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$")
+NAME_FORM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 START_TIMEOUT_S = 10.0
 
 
@@ -45,7 +46,7 @@ def new_run(name: str, config: RunConfig) -> RunFolder:
         ConfigError: the name is not one.
         Failed: this machine cannot run it.
     """
-    if not NAME_FORM.match(name):
+    if not NAME_FORM.fullmatch(name):
         raise ConfigError(f"--name {name!r}: use letters, digits, '.', '_' and '-', at most 100")
     check_machine(config)
     path = runs_root() / name
@@ -94,14 +95,15 @@ def save_config(folder: RunFolder, config: RunConfig) -> None:
     write_atomically(folder.config_file, text)
 
 
-def start_supervisor(folder: RunFolder, config: RunConfig) -> int:
+def start_supervisor(folder: RunFolder, config: RunConfig, actors: Mapping[str, int] | None = None) -> int:
     """Start the supervisor of a run that has none; it takes over processes that live. Returns its pid.
+
+    Actors are those that are asked for, or else as many as there were.
 
     Raises:
         Failed: it ended at once.
     """
-    if not living(folder):
-        write_cluster_file(folder, config)
+    write_cluster_file(folder, config, actors)
     folder.outcome_file.unlink(missing_ok=True)
     folder.logs.mkdir(exist_ok=True)
     with (folder.logs / "supervisor.log").open("ab") as output:
@@ -122,18 +124,19 @@ def start_supervisor(folder: RunFolder, config: RunConfig) -> int:
     return child.pid
 
 
-def write_cluster_file(folder: RunFolder, config: RunConfig) -> None:
-    """Fix where the router listens, the run's key prefix, and how many actors there are at first."""
+def write_cluster_file(folder: RunFolder, config: RunConfig, actors: Mapping[str, int] | None = None) -> None:
+    """Fix where the router listens, the run's key prefix, and how many actors there are.
+
+    What lives stays reachable, a run keeps its prefix, and it has as many actors as before unless others are asked for.
+    """
     try:
-        namespace = json.loads(folder.cluster_file.read_text())["namespace"]
-    except (OSError, ValueError, KeyError):
-        namespace = f"railctl/{uuid.uuid4().hex[:12]}"
-    port = config.cluster.port or free_port()
-    cluster = {
-        "endpoint": f"tcp/{LOOPBACK}:{port}",
-        "namespace": namespace,
-        "actors": dict(config.cluster.actors),
-    }
+        cluster = json.loads(folder.cluster_file.read_text())
+    except (OSError, ValueError):
+        cluster = {"namespace": f"railctl/{uuid.uuid4().hex[:12]}", "actors": dict(config.cluster.actors)}
+    if not living(folder):
+        cluster["endpoint"] = f"tcp/{LOOPBACK}:{config.cluster.port or free_port()}"
+    if actors is not None:
+        cluster["actors"] = dict(actors)
     write_atomically(folder.cluster_file, json.dumps(cluster, indent=2))
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from common.config import DIFFICULTIES, ConfigError, RunConfig, nearest, parse_config
+from common.config import DIFFICULTIES, MAX_ACTORS, ConfigError, RunConfig, Strict, nearest, parse_config
 
 Plain = dict[str, Any]
 
@@ -31,6 +31,7 @@ def resolve(given: Plain) -> RunConfig:
     preset: Plain = yaml.safe_load((files("deploy.presets") / f"{algorithm}.yaml").read_text())
     by_level = preset.pop("levels")
     given = with_mix(given)
+    check_sections(given)
     mix = given.setdefault("mix", {"easy": 1.0})
     hardest = max((level for level in mix if level in DIFFICULTIES), key=DIFFICULTIES.index, default="easy")
     defaults = {
@@ -50,10 +51,10 @@ def resolve_existing(saved: RunConfig, given: Plain, name: str) -> RunConfig:
     Raises:
         ConfigError: what is given would make another run of it.
     """
-    merged = merge(saved.model_dump(mode="json"), with_mix(given))
-    for field in ("mix",):
-        if field in with_mix(given):
-            merged[field] = with_mix(given)[field]
+    given = with_mix(given)
+    check_sections(given)
+    merged = merge(saved.model_dump(mode="json"), given)
+    merged |= {"mix": given["mix"]} if "mix" in given else {}
     if "actors" in given.get("cluster", {}):
         merged["cluster"]["actors"] = given["cluster"]["actors"]
     config = parse_config(merged)
@@ -84,6 +85,14 @@ def with_mix(given: Plain) -> Plain:
     return given | {"mix": {level: 1.0}}
 
 
+def check_sections(given: Plain) -> None:
+    """Raises ConfigError if something that has keys of its own was given as something else."""
+    for name, field in RunConfig.model_fields.items():
+        is_section = name == "mix" or (isinstance(field.annotation, type) and issubclass(field.annotation, Strict))
+        if is_section and name in given and not isinstance(given[name], dict):
+            raise ConfigError(f"{name}: input should be a valid dictionary, not {given[name]!r}")
+
+
 def read_file(path: Path) -> Plain:
     """A run file.
 
@@ -94,7 +103,7 @@ def read_file(path: Path) -> Plain:
         data = yaml.safe_load(path.read_text())
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}: give an existing YAML file with -f") from None
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: no text, or a date or number that cannot be
         raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
     if not isinstance(data, dict):
         raise ConfigError(f"{path} holds no keys: write for example 'algorithm: dddqn'")
@@ -114,7 +123,7 @@ def parse_sets(settings: Sequence[str]) -> Plain:
             raise ConfigError(f"--set {setting!r} is not key=value: write for example --set dqn.batch_size=64")
         try:
             plain: Any = yaml.safe_load(value)
-        except yaml.YAMLError:
+        except (yaml.YAMLError, ValueError):
             raise ConfigError(f"--set {key}: {value!r} is not a YAML value") from None
         for part in reversed(key.split(".")):
             plain = {part: plain}
@@ -134,10 +143,12 @@ def parse_actors(text: str) -> dict[str, int]:
     counts = {}
     for part in text.split(","):
         level, separator, count = part.strip().partition("=")
-        if not separator or not count.isdigit():
+        if not separator or not (count.isascii() and count.isdigit()):
             raise ConfigError(f"actors {part!r} is not difficulty=count: write for example easy=2,hard=1")
         if level not in (*DIFFICULTIES, "any"):
             raise ConfigError(f"actors for unknown difficulty {level!r}{nearest(level, [*DIFFICULTIES, 'any'])}")
+        if len(count) > 3 or int(count) > MAX_ACTORS:
+            raise ConfigError(f"actors {part!r}: at most {MAX_ACTORS} of a difficulty")
         counts[level] = int(count)
     return counts
 

@@ -110,18 +110,19 @@ def summary(episodes: Sequence[EpisodeRow], evaluations: Sequence[EvaluationRow]
         "episodes", "training return", "trains arrived", "steps", "greedy return", "all arrived", title="Summary"
     )
     size = max(1, -(-len(episodes) // BLOCKS))
-    scored = {row.episode: row for row in evaluations}
+    mixed = len({row.level for row in evaluations}) > 1
     for first in range(0, len(episodes), size):
         block = episodes[first : first + size]
         end = block[-1].episode + 1
-        ends = [scored[e] for e in range(block[0].episode + 1, end + 1) if e in scored]
+        within = [row for row in evaluations if block[0].episode < row.episode <= end]
+        last = [row for row in within if row.episode == within[-1].episode]
         table.add_row(
             f"{block[0].episode + 1}-{end}",
             f"{mean([row.normalised_return for row in block]):.3f}",
             f"{sum(row.arrived for row in block) / sum(row.trains for row in block):.0%}",
             f"{mean([row.steps for row in block]):.0f}",
-            f"{ends[-1].normalised_return:.3f}" if ends else "",
-            f"{ends[-1].all_arrived_share:.0%}" if ends else "",
+            ", ".join(f"{row.level} " * mixed + f"{row.normalised_return:.3f}" for row in last),
+            ", ".join(f"{row.level} " * mixed + f"{row.all_arrived_share:.0%}" for row in last),
         )
     return table
 

@@ -124,6 +124,7 @@ class Supervisor:
         self._wanted = set(self.wards)
         self._limits = limits
         self._connected = False
+        self._last_connected = 0.0
 
     def on(self, event: Event, now: float) -> list[Order]:
         """What to do about an event at time `now` (seconds on any steady clock)."""
@@ -145,6 +146,8 @@ class Supervisor:
         if connected and not self._connected:
             for ward in self.wards.values():  # what was said while we could not hear counts for nobody
                 ward.last_sign = now
+        if connected:
+            self._last_connected = now
         self._connected = connected
         if self.stopping is not None:
             return self._next_stage(now)
@@ -162,8 +165,10 @@ class Supervisor:
     def _overdue(self, ward: Ward, now: float) -> bool:
         if ward.state == "ending":
             return now - ward.since > STOP_PATIENCE_S
-        if ward.state not in ("starting", "running") or not self._connected:
+        if ward.state not in ("starting", "running"):
             return False
+        if not self._connected:  # nobody can be heard; if that lasts, it is the router's fault
+            return ward.spec.role == "router" and now - max(self._last_connected, ward.since) > START_PATIENCE_S
         return now - max(ward.last_sign, ward.since) > self._patience_s(ward)
 
     def _patience_s(self, ward: Ward) -> float:

@@ -72,10 +72,10 @@ def decode(record_type: type[R], encoding: str, body: bytes) -> R:
     except ValidationError as error:
         problem = error.errors()[0]
         field = ".".join(str(part) for part in problem["loc"]) or "message"
-        raise Refused(f"{record_type.__name__}: {field}: {problem['msg']}") from None
+        raise Refused(f"{record_type.__name__}: {field:.100}: {problem['msg']:.300}") from None
     except Exception as error:  # noqa: BLE001
         # msgpack's C parser raises a family of unrelated exceptions on hostile bytes.
-        raise Refused(f"{record_type.__name__}: not a message: {type(error).__name__}: {error}") from None
+        raise Refused(f"{record_type.__name__}: not a message: {type(error).__name__}: {error!s:.300}") from None
 
 
 def _pack_array(value: Any) -> ExtType:

@@ -59,7 +59,7 @@ def up(
         if actors:
             console.print(scale_to(folder, parse_actors(actors)), markup=False)
     else:
-        start_supervisor(folder, config)
+        start_supervisor(folder, config, given.get("cluster", {}).get("actors"))
     console.print(f"run {folder.path.name} in {folder.path}", markup=False, soft_wrap=True)
     if detach:
         console.print(f"follow it with: railctl tail {folder.path.name}", markup=False, soft_wrap=True)

@@ -65,10 +65,10 @@ class Archive:
             if metadata["arithmetic"] != arithmetic():
                 self.exact_until = self.snapshot
                 log.warning("exactness ends at episode %d: snapshot %s", self.snapshot, metadata["arithmetic"])
-        if len(self.rows) < self.snapshot:
+        if [row.episode for row in self.rows[: self.snapshot]] != list(range(self.snapshot)):
             raise Fatal(
-                f"{self._folder.episodes_file} has {len(self.rows)} rows, the newest snapshot has {self.snapshot}: "
-                "restore the file, or delete snapshots that are newer than its last row"
+                f"{self._folder.episodes_file} does not hold the {self.snapshot} episodes of the newest snapshot: "
+                "restore the file, or delete snapshots that are newer than its last good row"
             )
         self._expected = {row.episode: row.digest for row in self._rows.cut(self.snapshot)}
         return tensors
@@ -101,7 +101,8 @@ class Archive:
 
     def checkpoints(self, trained: int) -> list[int]:
         """The checkpoints up to `trained` episodes, in order."""
-        found = sorted(int(path.stem) for path in self._folder.checkpoints.glob("*.safetensors"))
+        stems = [path.stem for path in self._folder.checkpoints.glob("*.safetensors")]
+        found = sorted(int(stem) for stem in stems if stem.isdecimal())  # a user may keep others beside ours
         return [episode for episode in found if episode <= trained]
 
     def _metadata(self, episode: int) -> dict[str, str]:

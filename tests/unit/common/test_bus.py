@@ -29,7 +29,7 @@ HELLO = Topic("hello", Empty)
 ECHO = Service("echo", HistoryRequest, CommandAnswer)
 READY = Service("ready", Empty, Empty)
 
-TOKEN_HOLDER = """
+MEMBER = """
 import sys
 from common.bus import open_bus
 from common.wire.keys import Alive
@@ -293,7 +293,7 @@ def test_the_token_of_a_killed_process_goes(endpoint, namespace, buses):
     changes = tokens(listener)
     alive = Alive("actor", "actor-easy-0", "one")
     with subprocess.Popen(
-        [sys.executable, "-c", TOKEN_HOLDER, endpoint, namespace], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        [sys.executable, "-c", MEMBER, endpoint, namespace], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as process:
         try:
             assert changes.get(timeout=PATIENCE_S) == (alive, True)
@@ -388,7 +388,6 @@ def test_an_answer_that_is_none_is_refused(namespace, buses, stranger, body, enc
     served.undeclare()
 
 
-@pytest.mark.xfail(strict=True, reason="ask() decodes a refusal's reason without care")
 def test_a_refusal_that_is_no_text_is_no_answer(namespace, buses, stranger):
     _, talker = buses
 
@@ -403,7 +402,6 @@ def test_a_refusal_that_is_no_text_is_no_answer(namespace, buses, stranger):
         served.undeclare()
 
 
-@pytest.mark.xfail(strict=True, reason="an error in a callback ends the bus's thread, and nobody is told")
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_an_error_in_a_callback_does_not_make_the_bus_deaf(buses):
     listener, talker = buses

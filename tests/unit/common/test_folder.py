@@ -51,13 +51,11 @@ def test_a_wrong_configuration_is_named_with_its_file(folder):
     assert complaint(folder) == f"{folder.config_file}: algorithm is missing: give it a value"
 
 
-@pytest.mark.xfail(strict=True, reason="the parser's words come as they are, over many lines")
 def test_a_configuration_that_is_no_yaml_is_named_in_one_line(folder):
     folder.config_file.write_text("episodes: [1\nseed: {")
     assert "\n" not in complaint(folder)
 
 
-@pytest.mark.xfail(strict=True, reason="UnicodeDecodeError is no OSError")
 def test_a_configuration_that_is_no_text_is_named(folder):
     folder.config_file.write_bytes(b"\x89PNG\xff\xfe")
     complaint(folder)

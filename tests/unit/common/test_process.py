@@ -16,7 +16,7 @@ from common.bus import NoAnswer, open_bus, open_router
 from common.config import ConfigError, parse_config
 from common.folder import RunFolder
 from common.locks import RunsAlreadyError, holder, sole
-from common.process import EXIT_FATAL, Fatal, Heart, Stopping, run_service, take_place
+from common.process import EXIT_FATAL, EXIT_RUNS_ALREADY, Fatal, Heart, Stopping, run_service, take_place
 from common.wire import keys
 from common.wire.keys import Alive
 from deploy.launch import LOOPBACK, free_port
@@ -124,16 +124,27 @@ def test_a_heart_beats_at_most_once_a_second_unless_it_must(monkeypatch):
     assert {(beat.process, beat.role, beat.pid) for beat in wire.published} == {("learner", "learner", os.getpid())}
 
 
-@pytest.mark.parametrize("error", [Fatal("no more"), ConfigError("no more"), RunsAlreadyError("no more")])
-def test_what_a_restart_cannot_mend_ends_with_its_own_code_and_one_line(error, caplog):
+@pytest.mark.parametrize(
+    ("error", "code", "level"),
+    [
+        (Fatal("no more"), EXIT_FATAL, logging.ERROR),
+        (ConfigError("no more"), EXIT_FATAL, logging.ERROR),
+        (RunsAlreadyError("no more"), EXIT_RUNS_ALREADY, logging.WARNING),
+    ],
+)
+def test_what_a_restart_cannot_mend_ends_with_its_own_code_and_one_line(error, code, level, caplog):
     def main():
         raise error
 
     with pytest.raises(SystemExit) as caught:
         run_service(main)
-    assert caught.value.code == EXIT_FATAL == 3
-    assert [(record.levelno, record.getMessage()) for record in caplog.records] == [(logging.ERROR, "no more")]
+    assert caught.value.code == code
+    assert [(record.levelno, record.getMessage()) for record in caplog.records] == [(level, "no more")]
     assert caplog.records[0].exc_info is None
+
+
+def test_exit_codes_differ_from_each_other_and_from_those_of_python():
+    assert len({EXIT_FATAL, EXIT_RUNS_ALREADY, 0, 1, 2}) == 5
 
 
 def test_other_errors_are_not_hidden():

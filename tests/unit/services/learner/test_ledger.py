@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, precondition, rule
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from common.config import DIFFICULTIES
 from common.records import Episode
@@ -195,82 +195,102 @@ class Actor:
     kept: set[int] = field(default_factory=set)
 
 
+WHICH = st.integers(0, 5)  # which of the living, counted round
+LOST = st.sampled_from([False, False, False, True])
+
+
 class Run(RuleBasedStateMachine):
     """A learner's ledger among actors that come and die, messages that get lost, and restarts of the learner."""
 
-    actors = Bundle("actors")
-
-    @initialize(levels=st.text("emh", min_size=1, max_size=10), lag=st.integers(0, 3))
+    @initialize(levels=st.text("emh", min_size=4, max_size=12), lag=st.integers(0, 3))
     def begin(self, levels, lag):
         names = {level[0]: level for level in DIFFICULTIES}
         self.levels = [names[letter] for letter in levels]
         self.lag = lag
         self.snapshot = 0
         self.living = {}
+        self.dead = []
         self.doubtful = set()  # episodes whose leases a restart made the ledger forget
         self.born = 0
         self.open_ledger()
+        self.comes("any", known=True)
 
     def open_ledger(self):
         self.ledger = Ledger(self.levels, self.lag, self.snapshot)
         self.trained = list(range(self.snapshot))
 
+    def pick(self, which):
+        return list(self.living.values())[which % len(self.living)]
+
     # What happens
 
-    @rule(target=actors, serves=st.sampled_from([*DIFFICULTIES, "any"]), known=st.booleans())
+    @rule(serves=st.sampled_from([*DIFFICULTIES, "any", "any"]), known=st.booleans())
     def comes(self, serves, known):
         self.born += 1
         actor = Actor(f"incarnation-{self.born}", serves)
         self.living[actor.incarnation] = actor
         if known:  # or its token is seen later
             self.ledger.actor_came(actor.incarnation)
-        return actor
 
-    @rule(actor=actors)
-    def token_is_seen(self, actor):
-        if actor.incarnation in self.living:
-            self.ledger.actor_came(actor.incarnation)
+    @rule(which=WHICH)
+    def token_is_seen(self, which):
+        self.ledger.actor_came(self.pick(which).incarnation)
 
-    @rule(actor=actors)
-    def token_is_lost_for_a_moment(self, actor):
-        if actor.incarnation in self.living:
-            self.doubt([actor])
-            self.ledger.actor_gone(actor.incarnation)
+    @rule(which=WHICH)
+    def token_is_lost_for_a_moment(self, which):
+        actor = self.pick(which)
+        self.doubt([actor])
+        self.ledger.actor_gone(actor.incarnation)
 
-    @rule(actor=actors)
-    def dies(self, actor):
-        if self.living.pop(actor.incarnation, None):
-            self.ledger.actor_gone(actor.incarnation)
+    @precondition(lambda self: len(self.living) > 1)
+    @rule(which=WHICH)
+    def dies(self, which):
+        actor = self.living.pop(self.pick(which).incarnation)
+        self.dead.append(actor)
+        self.ledger.actor_gone(actor.incarnation)
 
-    @rule(actor=actors, answer_lost=st.booleans(), published_again=st.booleans())
-    def asks(self, actor, answer_lost, published_again):
-        if actor.incarnation in self.living and actor.acting is None:
-            self.ask(actor, answer_lost=answer_lost, published_again=published_again)
+    @rule(which=WHICH, lost=LOST, steps=st.integers(1, 6))
+    def goes_on(self, which, lost, steps):
+        """Asks and acts in turn; if something gets lost, then the last."""
+        actor = self.pick(which)
+        for step in range(steps):
+            lost_now = lost and step == steps - 1
+            if actor.acting is None:
+                self.ask(actor, answer_lost=lost_now)
+            else:
+                self.finish(actor, lost=lost_now)
 
-    @rule(actor=actors)
-    def a_dead_one_is_heard_late(self, actor):
-        if actor.incarnation not in self.living:
-            self.ledger.missing(actor.incarnation, sorted(actor.kept))
-            assert self.ledger.grant(actor.incarnation, actor.serves) is None
+    @rule(which=WHICH, lost=LOST)
+    def all_go_on_and_the_learner_trains(self, which, lost):
+        for index, actor in enumerate(list(self.living.values())):
+            self.goes_on(index, lost and actor is self.pick(which), steps=2)
+        self.train()
 
-    @rule(actor=actors, lost=st.booleans())
-    def finishes_its_episode(self, actor, lost):
-        if actor.incarnation in self.living and actor.acting is not None:
-            self.finish(actor, lost=lost)
+    @precondition(lambda self: self.dead)
+    @rule(which=WHICH, published=st.booleans())
+    def a_dead_one_is_heard_late(self, which, published):
+        actor = self.dead[which % len(self.dead)]
+        for episode in actor.kept if published else ():
+            self.arrives(episode)
+        self.ledger.missing(actor.incarnation, sorted(actor.kept))
+        assert self.ledger.grant(actor.incarnation, actor.serves) is None
 
-    @rule(actor=actors, data=st.data())
-    def publishes_twice(self, actor, data):
-        if actor.kept:
-            self.arrives(data.draw(st.sampled_from(sorted(actor.kept))))
+    @precondition(lambda self: any(actor.kept for actor in self.living.values()))
+    @rule(which=WHICH)
+    def publishes_all_it_keeps_again(self, which):
+        for episode in self.pick(which).kept:
+            self.arrives(episode)
 
     @rule()
     def trains(self):
         self.train()
 
+    @precondition(lambda self: self.ledger.trained > self.snapshot)
     @rule()
     def snapshots(self):
         self.snapshot = self.ledger.trained
 
+    @precondition(lambda self: self.ledger.trained > self.snapshot)
     @rule()
     def learner_restarts(self):
         self.doubt(self.living.values())
@@ -280,7 +300,7 @@ class Run(RuleBasedStateMachine):
 
     # How actors and the learner behave
 
-    def ask(self, actor, *, answer_lost=False, published_again=True):
+    def ask(self, actor, *, answer_lost=False):
         missing = self.ledger.missing(actor.incarnation, sorted(actor.kept))
         granted = None
         if not missing:
@@ -292,8 +312,7 @@ class Run(RuleBasedStateMachine):
         actor.kept = {episode for episode in actor.kept if episode >= self.snapshot}
         for episode in missing:
             assert episode in actor.kept
-            if published_again:
-                self.arrives(episode)
+            self.arrives(episode)
         actor.acting = granted
 
     def check_grant(self, episode, actor):
@@ -368,5 +387,5 @@ class Run(RuleBasedStateMachine):
 
 TestRun = Run.TestCase
 TestRun.settings = settings(
-    max_examples=80, stateful_step_count=40, deadline=None, suppress_health_check=list(HealthCheck)
+    max_examples=250, stateful_step_count=30, deadline=None, suppress_health_check=list(HealthCheck)
 )

@@ -25,7 +25,9 @@ def test_a_run_of_one_difficulty_has_only_that():
 
 
 def test_the_schedule_of_a_mix_is_pinned():
-    assert "".join(level[0] for level in difficulties(config({"easy": 0.5, "medium": 0.3, "hard": 0.2}))) == "ehhhemmeeeem"
+    assert (
+        "".join(level[0] for level in difficulties(config({"easy": 0.5, "medium": 0.3, "hard": 0.2}))) == "ehhhemmeeeem"
+    )
 
 
 def test_the_order_in_which_a_mix_is_written_does_not_matter():

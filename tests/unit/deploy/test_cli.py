@@ -1,0 +1,481 @@
+"""The command line: errors are one line on stderr with the right exit code, and leave nothing behind."""
+
+import json
+import os
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from common import checkpoint
+from common.bus import open_bus, open_router
+from common.folder import RunFolder
+from common.locks import sole
+from common.records import CommandAnswer, EpisodeRow, EpisodeRows, EvaluationRows, ProcessStatus, Status
+from common.rows import RowFile
+from common.wire import keys
+from deploy.cli import app
+from deploy.launch import new_run, write_cluster_file
+from deploy.resolve import resolve
+
+VERBS = ["up", "status", "tail", "logs", "scale", "pause", "resume", "checkpoint", "down", "doctor"]
+FAILED, WRONG_USAGE = 1, 2
+
+
+@pytest.fixture
+def root(tmp_path, monkeypatch):
+    monkeypatch.setenv("RAILCTL_RUNS", str(tmp_path / "runs"))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "runs"
+
+
+@pytest.fixture(autouse=True)
+def no_supervisor(monkeypatch):
+    """Nothing is ever started here."""
+    monkeypatch.setattr("deploy.commands.up.start_supervisor", lambda *_: pytest.fail("a supervisor was started"))
+
+
+def railctl(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def complaint(code, *arguments):
+    """The one line that a command ends with."""
+    result = railctl(*arguments)
+    assert result.exception is None or isinstance(result.exception, SystemExit), repr(result.exception)
+    assert result.exit_code == code
+    assert result.stdout == ""
+    [line] = result.stderr.splitlines()
+    assert line.startswith("railctl: ")
+    return line.removeprefix("railctl: ")
+
+
+def output(*arguments):
+    result = railctl(*arguments)
+    assert (result.exit_code, result.stderr) == (0, ""), result.stderr
+    return result.stdout
+
+
+def make(name="one", **given):
+    return new_run(name, resolve({"episodes": 10, "cluster": {"cores": 1}} | given))
+
+
+def episode(number):
+    return EpisodeRow(
+        episode=number,
+        level="easy",
+        seed=1,
+        normalised_return=-0.5,
+        arrived=1,
+        trains=2,
+        steps=30,
+        decisions=4,
+        epsilon=0.1,
+        weights_version=number,
+        digest="0" * 32,
+        actor="actor-easy-0",
+        acting_s=0.25,
+        trained_unix_s=1000.0,
+    )
+
+
+def write_episodes(folder, count):
+    file = RowFile(folder.episodes_file, EpisodeRow)
+    for number in range(count):
+        file.append(episode(number))
+    file.close()
+
+
+# Help
+
+
+def test_help_names_every_verb():
+    text = output("--help")
+    for verb in VERBS:
+        assert verb in text
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_help(verb):
+    assert "Usage" in output(verb, "--help")
+
+
+@pytest.mark.parametrize(
+    "arguments", [["fly"], ["up", "--fly"], ["up", "--episodes", "many"], ["scale"], ["logs", "-n", "-1"]]
+)
+def test_wrong_usage_has_its_own_exit_code_and_no_traceback(root, arguments):
+    result = railctl(*arguments)
+    assert result.exit_code == WRONG_USAGE
+    assert "Traceback" not in result.stderr
+    assert not root.exists()
+
+
+# up: what is wrong is said before anything is made
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--algorithm", "dddq"], "unknown algorithm 'dddq': did you mean dddqn? known are dddqn"),
+        (["--level", "esy"], "unknown level 'esy': did you mean easy? known are easy, hard, medium"),
+        (["--set", "dqn.batchsize=5"], "unknown key dqn.batchsize: did you mean batch_size? known are batch_size, "),
+        (["--set", "xyzzy=red"], "unknown key xyzzy: known are algorithm, cluster, "),
+        (["--set", "dqn.batch_size"], "--set 'dqn.batch_size' is not key=value: write for example "),
+        (["--set", "seed=[1"], "--set seed: '[1' is not a YAML value"),
+        (["--actors", "easy"], "actors 'easy' is not difficulty=count: write for example easy=2,hard=1"),
+        (["--actors", "esy=1"], "actors for unknown difficulty 'esy': did you mean easy?"),
+        (["--actors", "hard=1"], "no actors for difficulty easy: add --actors easy=1"),
+        (["--actors", "easy=1,hard=1"], "actors for difficulty hard, which this run does not have: it has easy"),
+        (["--actors", "easy=0"], "no actors for difficulty easy: add --actors easy=1"),
+        (["--actors", "easy=257"], "actors 'easy=257': at most 256 of a difficulty"),
+        (["--episodes", "0"], "episodes: input should be greater than or equal to 1, not 0"),
+        (["--seed", "-1"], "seed: input should be greater than or equal to 0, not -1"),
+        (["--cores", "0"], "cluster.cores: input should be greater than or equal to 1, not 0"),
+        (["--engine", "stone"], "engine: input should be 'flatland', not 'stone'"),
+        (["--level", "easy", "--set", "mix={easy: 1}"], "level and mix are both given: leave one out"),
+        (["--name", "a/b"], "--name 'a/b': use letters, digits, '.', '_' and '-', at most 100"),
+        (["--file", "none.yaml"], "none.yaml: No such file or directory: give an existing YAML file with -f"),
+    ],
+)
+def test_what_is_wrong_with_a_new_run_is_one_line_and_nothing_is_made(root, tmp_path, arguments, text):
+    assert complaint(WRONG_USAGE, "up", *arguments).startswith(text)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ("a: [1\nb: {", "run.yaml is not YAML: "),
+        ("- easy", "run.yaml holds no keys: write for example 'algorithm: dddqn'"),
+        ("episods: 5", "unknown key episods: did you mean episodes?"),
+        ("mix: {easy: 0.5, hard: 0.25}", "the shares of mix add up to 0.75: make it 1"),
+    ],
+)
+def test_what_is_wrong_with_a_run_file_is_one_line(root, content, text):
+    Path("run.yaml").write_text(content)
+    assert complaint(WRONG_USAGE, "up", "-f", "run.yaml").startswith(text)
+    assert not root.exists()
+
+
+@pytest.mark.parametrize("setting", ["cluster=5", "mix=", "seed=2024-13-45"])
+def test_settings_of_another_kind_are_one_line_too(root, setting):
+    complaint(WRONG_USAGE, "up", "--set", setting)
+
+
+def test_what_this_machine_cannot_do_is_a_failure(root):
+    cores = len(os.sched_getaffinity(0))
+    assert complaint(FAILED, "up", "--cores", cores + 1) == (
+        f"cluster.cores is {cores + 1} and this machine offers {cores}: use --cores {cores}"
+    )
+    assert not root.exists()
+
+
+def test_runs_that_cannot_be_written_are_a_failure(root, monkeypatch):
+    root.write_text("a file")
+    assert complaint(FAILED, "up", "--name", "one", "--cores", "1").startswith(f"cannot create {root}/one: ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--episodes", "20"], "run one exists with episodes 10, not 20: leave the option out "),
+        (["--level", "hard", "--actors", "hard=1"], "run one exists with mix.easy 1.0, not None"),
+        (["--cores", "0"], "cluster.cores: input should be greater than or equal to 1, not 0"),
+    ],
+)
+def test_an_existing_run_is_not_made_another_one(root, arguments, text):
+    folder = make()
+    before = folder.config_file.read_bytes()
+    assert complaint(WRONG_USAGE, "up", "--name", "one", *arguments).startswith(text)
+    assert folder.config_file.read_bytes() == before
+
+
+def test_a_damaged_snapshot_is_found_before_anything_starts(root):
+    folder = make()
+    folder.snapshots.mkdir()
+    path = folder.snapshots / "00000005.safetensors"
+    checkpoint.save(path, {"w": np.ones(3, np.float32)}, {}, "snapshot")
+    path.write_bytes(path.read_bytes()[:-1] + b"\xff")
+    before = folder.config_file.read_bytes()
+    assert complaint(FAILED, "up", "--name", "one", "--actors", "easy=2").startswith(f"{path}: damaged")
+    assert folder.config_file.read_bytes() == before
+    assert not folder.cluster_file.exists()
+
+
+def test_a_damaged_configuration_is_named(root):
+    folder = make()
+    folder.config_file.write_text("episodes: 5")
+    assert complaint(WRONG_USAGE, "up", "--name", "one") == (
+        f"{folder.config_file}: algorithm is missing: give it a value"
+    )
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """The runs that `up` starts, without starting them."""
+    runs = []
+    monkeypatch.setattr(
+        "deploy.commands.up.start_supervisor", lambda folder, config, _actors: runs.append((folder, config))
+    )
+    return runs
+
+
+def test_up_makes_a_run_of_preset_file_options_and_settings(root, started):
+    Path("run.yaml").write_text("episodes: 7\nseed: 5\ndiscount: 0.5\ndqn: {batch_size: 9}\n")
+    text = output(
+        *("up", "-f", "run.yaml", "--name", "one", "--detach", "--level", "hard", "--seed", "6", "--cores", "1"),
+        *("--set", "discount=0.75", "--set", "network.hidden=[8]", "--actors", "hard=2"),
+    )
+    assert text.splitlines() == [f"run one in {root}/one", "follow it with: railctl tail one"]
+    [(folder, config)] = started
+    assert folder == RunFolder(root / "one")
+    assert folder.config() == config
+    assert (config.episodes, config.seed, config.discount, config.dqn.batch_size) == (7, 6, 0.75, 9)
+    assert (config.mix, config.cluster.actors, config.network.hidden) == ({"hard": 1.0}, {"hard": 2}, (8,))
+    assert yaml.safe_load(folder.config_file.read_text())["dqn"]["learn_every_steps"] == 30  # all is resolved
+
+
+def test_up_gives_a_run_a_name(root, started):
+    output("up", "--detach", "--cores", "1")
+    [(folder, _)] = started
+    assert folder.path.name.startswith("dddqn-easy-seed1-")
+
+
+def test_up_goes_on_with_a_run_and_may_change_its_cluster(root, started):
+    make(seed=3)
+    output("up", "--name", "one", "--detach", "--actors", "any=3")
+    [(folder, config)] = started
+    assert (config.seed, config.cluster.actors) == (3, {"any": 3})
+    assert folder.config() == config
+
+
+@pytest.mark.parametrize(
+    ("outcome", "code", "last"),
+    [
+        ("finished", 0, None),
+        ("stopped", 0, "stopped after 3 episodes; railctl up --name one goes on"),
+        ("failed", FAILED, "railctl: no disk"),
+    ],
+)
+def test_up_tells_how_a_run_ended(root, started, monkeypatch, outcome, code, last):
+    """As its foreground does when the run ends."""
+    folder = make()
+    write_episodes(folder, 3)
+
+    def end(folder):
+        folder.outcome_file.write_text(json.dumps({"outcome": outcome, "reason": "no disk"}))
+
+    monkeypatch.setattr("deploy.commands.up.watch", end)
+    result = railctl("up", "--name", "one")
+    assert result.exit_code == code
+    lines = (result.stdout + result.stderr).splitlines()
+    assert any("Summary" in line for line in lines)
+    assert f"curve    {folder.curve_file}" in lines
+    assert lines[-1] == last or (last is None and lines[-1] == f"run      {folder.path}")
+    assert len(started) == 1
+
+
+def test_up_on_a_finished_run_only_tells_how_it_ended(root):
+    folder = make()
+    write_episodes(folder, 3)
+    folder.outcome_file.write_text(json.dumps({"outcome": "finished", "reason": ""}))
+    lines = output("up", "--name", "one").splitlines()
+    assert lines[0] == "run one is finished"
+    assert lines[-1] == f"run      {folder.path}"
+
+
+# Runs that are not there
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["status"], ["tail"], ["logs"], ["down"], ["pause"], ["resume"], ["checkpoint"], ["scale", "easy=1"]],
+    ids=lambda arguments: arguments[0],
+)
+def test_an_unknown_run_is_wrong_usage(root, arguments):
+    verb, *rest = arguments
+    assert complaint(WRONG_USAGE, verb, "nine", *rest).startswith("no run named 'nine': there are no runs in ")
+    make("nine-1")
+    assert complaint(WRONG_USAGE, verb, "nine", *rest) == "no run named 'nine': did you mean nine-1? known are nine-1"
+
+
+@pytest.mark.parametrize(
+    "arguments", [["pause"], ["resume"], ["checkpoint"], ["scale", "easy=1"]], ids=lambda arguments: arguments[0]
+)
+def test_a_run_that_is_not_running_is_a_failure(root, arguments):
+    folder = make()
+    verb, *rest = arguments
+    assert complaint(FAILED, verb, "one", *rest) == "run one has no cluster: start one with railctl up"
+    write_cluster_file(folder, folder.config())
+    assert complaint(FAILED, verb, "one", *rest) == ("run one is not running: railctl up --name one resumes it")
+
+
+def test_a_run_that_is_not_running_is_down(root):
+    make()
+    assert output("down", "one") == "run one is not running\n"
+    assert json.loads(output("down", "one", "--json")) == {"done": True, "text": "not running"}
+
+
+def test_the_status_of_a_run_that_is_not_running(root):
+    folder = make()
+    write_episodes(folder, 3)
+    folder.outcome_file.write_text(json.dumps({"outcome": "failed", "reason": "no disk [Errno 28]"}))
+    text = output("status")
+    assert text.startswith("one: failed  3/10 episodes  return(100) -0.500")
+    assert "! no disk [Errno 28]" in text
+    found = Status.model_validate_json(output("status", "--json"))
+    assert (found.run, found.state, found.progress.done) == ("one", "failed", 3)
+
+
+def test_the_rows_of_a_run_that_is_not_running(root):
+    folder = make()
+    write_episodes(folder, 3)
+    assert [line.split()[:2] for line in output("tail", "one").splitlines()] == [
+        ["episode", "0"],
+        ["episode", "1"],
+        ["episode", "2"],
+    ]
+    rows = [json.loads(line) for line in output("tail", "one", "--json").splitlines()]
+    assert [EpisodeRow.model_validate(row) for row in rows] == [episode(number) for number in range(3)]
+
+
+@pytest.mark.parametrize("verb", ["status", "tail"])
+def test_damaged_rows_are_named(root, verb):
+    folder = make()
+    folder.episodes_file.write_text("nonsense\n")
+    assert complaint(FAILED, verb, "one").startswith(f"{folder.episodes_file} line 1 is not a valid row")
+
+
+def test_what_may_not_be_read_is_named(root, monkeypatch):
+    folder = make()
+    write_episodes(folder, 1)
+
+    def refuse(path):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    assert complaint(FAILED, "tail", "one") == (
+        f"{folder.episodes_file}: Permission denied: use a folder that you may read and write"
+    )
+
+
+# Logs
+
+
+@pytest.fixture
+def logged(root):
+    folder = make()
+    (folder.logs / "learner.log").write_text("".join(f"line {number} [red]\n" for number in range(30)))
+    (folder.logs / "router.log").write_text("routes\n")
+    return folder
+
+
+def test_logs_are_the_last_lines_of_each_process(logged):
+    lines = output("logs", "one").splitlines()
+    assert lines[0].split() == ["learner", "line", "10", "[red]"]
+    assert lines[19].split() == ["learner", "line", "29", "[red]"]
+    assert lines[20].split() == ["router", "routes"]
+    assert len(output("logs", "one", "learner", "-n", "3").splitlines()) == 3
+    assert json.loads(output("logs", "one", "--json", "-n", "1")) == {
+        "learner": ["line 29 [red]"],
+        "router": ["routes"],
+    }
+
+
+def test_wrong_questions_about_logs(logged):
+    assert complaint(WRONG_USAGE, "logs", "one", "lerner") == (
+        "run one has no process 'lerner': did you mean learner? known are learner, router"
+    )
+    assert complaint(WRONG_USAGE, "logs", "one", "--json", "--follow").startswith("--follow and --json: ")
+
+
+# A run that is running
+
+
+@pytest.fixture
+def cluster(root):
+    """A run whose router, learner and supervisor are this process."""
+    folder = make()
+    write_cluster_file(folder, folder.config())
+    endpoint, namespace = folder.endpoint_and_namespace()
+    said = []
+    status = Status(
+        run="one",
+        path=str(folder.path),
+        state="running",
+        algorithm="dddqn",
+        episodes=10,
+        supervisor_pid=1,
+        progress=None,
+        time_left_s=None,
+        problems=["something [is] wrong"],
+        processes=[
+            ProcessStatus(
+                process="learner",
+                role="learner",
+                difficulty=None,
+                pid=77,
+                state="training",
+                restarts=2,
+                last_heartbeat_unix_s=None,
+            )
+        ],
+    )
+
+    def obey(question):
+        said.append(question.request)
+        wrong = getattr(question.request, "actors", {}).get("hard")
+        question.answer(CommandAnswer(done=not wrong, text="no such difficulty" if wrong else "done so"))
+
+    with ExitStack() as stack:
+        stack.enter_context(open_router(endpoint))
+        stack.enter_context(sole(folder, "learner"))
+        stack.enter_context(sole(folder, "supervisor"))
+        bus = stack.enter_context(open_bus(endpoint, namespace, 10.0))
+        bus.serve(keys.STATUS, lambda question: question.answer(status))
+        bus.serve(keys.SCALE, obey)
+        bus.serve(keys.COMMAND_LEARNER, obey)
+        rows = [episode(number) for number in range(2)]
+        bus.serve(keys.EPISODE_HISTORY, lambda q: q.answer(EpisodeRows(rows=rows[q.request.first :], total=2)))
+        bus.serve(keys.EVALUATION_HISTORY, lambda q: q.answer(EvaluationRows(rows=[], total=0)))
+        yield said
+
+
+def test_the_status_of_a_running_run(cluster):
+    text = output("status", "one")
+    assert text.startswith("one: running ...")
+    assert "77" in text
+    assert "! something [is] wrong" in text
+    assert Status.model_validate_json(output("status", "--json")).supervisor_pid == 1
+
+
+@pytest.mark.parametrize("verb", ["pause", "resume", "checkpoint"])
+def test_a_command_to_the_learner(cluster, verb):
+    assert output(verb, "one") == "done so\n"
+    assert json.loads(output(verb, "--json")) == {"done": True, "text": "done so"}
+    assert [request.verb for request in cluster] == [verb, verb]
+
+
+def test_scaling(cluster):
+    assert output("scale", "one", "easy=3", "any=1") == "done so\n"
+    assert cluster[0].actors == {"easy": 3, "any": 1}
+    assert complaint(FAILED, "scale", "one", "hard=1") == "no such difficulty"
+    assert complaint(WRONG_USAGE, "scale", "one", "esy=1").startswith("actors for unknown difficulty 'esy'")
+
+
+def test_scaling_beyond_the_limit_is_wrong_usage(cluster):
+    complaint(WRONG_USAGE, "scale", "one", "easy=257")
+
+
+def test_up_on_a_running_run_scales_it(cluster):
+    lines = output("up", "--name", "one", "--detach", "--actors", "easy=2").splitlines()
+    assert lines[:2] == ["run one is running already", "done so"]
+    assert cluster[0].actors == {"easy": 2}
+
+
+def test_a_tail_of_a_running_run_has_history_and_ends_with_it(cluster, monkeypatch):
+    monkeypatch.setattr("deploy.commands.tail.living", lambda _folder: {})
+    assert len(output("tail", "one").splitlines()) == 2

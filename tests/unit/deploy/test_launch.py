@@ -1,0 +1,324 @@
+"""Every check comes before the first file or process, and a start that fails leaves nothing behind."""
+
+import errno
+import json
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from common import checkpoint
+from common.config import ConfigError
+from common.folder import RunFolder
+from common.locks import sole
+from deploy import launch
+from deploy.launch import (
+    LOOPBACK,
+    check_existing,
+    check_machine,
+    draw_curve,
+    free_port,
+    fresh_name,
+    new_run,
+    start_supervisor,
+    write_cluster_file,
+)
+from deploy.resolve import resolve
+from deploy.runs import Failed
+
+HOLD = """
+import sys
+from pathlib import Path
+from common.folder import RunFolder
+from common.locks import sole
+with sole(RunFolder(Path(sys.argv[1])), "supervisor"):
+    sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def root(tmp_path, monkeypatch):
+    monkeypatch.setenv("RAILCTL_RUNS", str(tmp_path / "runs"))
+    return tmp_path / "runs"
+
+
+def config(**cluster):
+    return resolve({"episodes": 10, "cluster": {"cores": 1} | cluster})
+
+
+def failure(call, *arguments, error=Failed):
+    with pytest.raises(error) as caught:
+        call(*arguments)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
+
+
+@pytest.fixture
+def taken_port():
+    with socket.socket() as listener:
+        listener.bind((LOOPBACK, 0))
+        listener.listen()
+        yield listener.getsockname()[1]
+
+
+# Names
+
+
+@pytest.mark.parametrize("name", ["one", "1", "a.b-c_d", "A" * 100])
+def test_a_new_run_has_its_configuration_and_a_folder_for_logs(root, name):
+    folder = new_run(name, config())
+    assert folder.path == root / name
+    assert folder.config() == config()
+    assert sorted(path.name for path in folder.path.iterdir()) == ["config.yaml", "logs"]
+    assert [path.name for path in root.iterdir()] == [name]
+
+
+@pytest.mark.parametrize("name", ["", ".hidden", "-dash", "a b", "a/b", "../up", "a" * 101, "é", "a:b"])
+def test_a_name_of_another_form_is_refused_and_nothing_is_made(root, name):
+    text = failure(new_run, name, config(), error=ConfigError)
+    assert text == f"--name {name!r}: use letters, digits, '.', '_' and '-', at most 100"
+    assert not root.exists()
+
+
+def test_a_name_that_ends_in_a_newline_is_refused(root):
+    failure(new_run, "one\n", config(), error=ConfigError)
+
+
+def test_a_fresh_name_tells_what_the_run_is_and_is_free(root, monkeypatch):
+    class Noon(launch.datetime):
+        @classmethod
+        def now(cls):
+            return cls(2020, 1, 2, 12, 0, 0)
+
+    monkeypatch.setattr(launch, "datetime", Noon)
+    mixed = resolve({"mix": {"easy": 0.5, "hard": 0.5}, "seed": 7})
+    assert fresh_name(mixed) == "dddqn-easy-hard-seed7-20200102-120000"
+    (root / "dddqn-easy-hard-seed7-20200102-120000").mkdir(parents=True)
+    (root / "dddqn-easy-hard-seed7-20200102-120000-2").mkdir()
+    assert fresh_name(mixed) == "dddqn-easy-hard-seed7-20200102-120000-3"
+    assert launch.NAME_FORM.match(fresh_name(mixed))
+
+
+# What cannot be written
+
+
+def forbid(monkeypatch, *names):
+    def refuse(path, *_arguments, **_options):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    for name in names:
+        monkeypatch.setattr(Path, name, refuse)
+
+
+@pytest.mark.parametrize("what", ["mkdir", "rename", "write_text"])
+def test_a_run_that_cannot_be_written_leaves_nothing_behind(root, monkeypatch, what):
+    root.mkdir()
+    forbid(monkeypatch, what)
+    text = failure(new_run, "one", config())
+    assert text == (f"cannot create {root}/one: Permission denied: set RAILCTL_RUNS to a folder that you may write")
+    assert list(root.iterdir()) == []
+
+
+def test_a_folder_of_that_name_is_not_overwritten(root):
+    (root / "one").mkdir(parents=True)
+    (root / "one" / "notes.txt").write_text("mine")
+    assert failure(new_run, "one", config()).startswith(f"cannot create {root}/one: Directory not empty")
+    assert [path.name for path in root.iterdir()] == ["one"]
+    assert (root / "one" / "notes.txt").read_text() == "mine"
+
+
+def test_a_file_in_the_place_of_the_runs_is_named(root):
+    root.write_text("a file")
+    assert failure(new_run, "one", config()).startswith(f"cannot create {root}/one: ")
+    assert root.read_text() == "a file"
+
+
+# What the machine lacks
+
+
+def test_more_cores_than_there_are_are_refused_before_anything_is_made(root, monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _pid: {0, 1, 2})
+    check_machine(config(cores=3))
+    text = failure(new_run, "one", config(cores=4))
+    assert text == "cluster.cores is 4 and this machine offers 3: use --cores 3"
+    assert not root.exists()
+
+
+def test_a_port_in_use_is_refused_before_anything_is_made(root, taken_port):
+    text = failure(new_run, "one", config(port=taken_port))
+    assert text == f"cluster.port {taken_port} is in use: choose another one, or 0 for any"
+    assert not root.exists()
+    check_machine(config(port=free_port()))
+
+
+def test_a_free_port_can_be_listened_on():
+    with socket.socket() as listener:
+        listener.bind((LOOPBACK, free_port()))
+        listener.listen()
+
+
+def test_no_free_port_is_a_failure(monkeypatch, taken_port):
+    monkeypatch.setattr(launch, "PORTS", range(taken_port, taken_port + 1))
+    assert failure(free_port) == "no free port on the loopback: stop some servers"
+
+
+# Runs that exist
+
+
+@pytest.fixture
+def run(root):
+    return new_run("one", config())
+
+
+def test_an_existing_run_is_checked_and_left_as_it_is(run):
+    before = sorted(run.path.rglob("*"))
+    check_existing(run, config())
+    assert sorted(run.path.rglob("*")) == before
+
+
+def test_a_read_only_run_is_refused(run, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda path, mode: (Path(path), mode) != (run.path, os.W_OK))
+    assert failure(check_existing, run, config()) == (
+        f"cannot write to {run.path}: make it writable, or copy the run to another folder"
+    )
+
+
+def test_a_damaged_newest_snapshot_is_refused_and_an_older_one_does_not_matter(run):
+    run.snapshots.mkdir()
+    older, newest = (run.snapshots / f"0000000{number}.safetensors" for number in (1, 2))
+    for path in (older, newest):
+        checkpoint.save(path, {"w": np.ones(3, np.float32)}, {}, "snapshot")
+    older.write_bytes(b"damaged")
+    check_existing(run, config())
+    newest.write_bytes(newest.read_bytes()[:-1] + b"\xff")
+    assert failure(check_existing, run, config()).startswith(f"{newest}: damaged")
+
+
+def test_an_existing_run_needs_the_machine_too(run, taken_port):
+    assert "is in use" in failure(check_existing, run, config(port=taken_port))
+
+
+# The cluster's file
+
+
+def test_the_cluster_listens_on_the_loopback_and_keeps_its_namespace(run, monkeypatch):
+    monkeypatch.setattr(launch, "free_port", lambda: 23456)
+    write_cluster_file(run, config(actors={"easy": 2, "any": 1}))
+    first = json.loads(run.cluster_file.read_text())
+    assert first["endpoint"] == "tcp/127.0.0.1:23456"
+    assert first["actors"] == {"easy": 2, "any": 1}
+    assert first["namespace"].startswith("railctl/")
+    write_cluster_file(run, config(port=23457))
+    second = json.loads(run.cluster_file.read_text())
+    assert second == first | {"endpoint": "tcp/127.0.0.1:23457"}  # as many actors as there were
+    run.cluster_file.write_text("{")
+    write_cluster_file(run, config(port=23457))
+    assert json.loads(run.cluster_file.read_text())["namespace"] != first["namespace"]
+
+
+def test_two_runs_have_namespaces_of_their_own(root):
+    runs = [new_run(name, config()) for name in ("one", "two")]
+    for folder in runs:
+        write_cluster_file(folder, config())
+    assert len({folder.endpoint_and_namespace()[1] for folder in runs}) == 2
+
+
+# The supervisor
+
+
+@pytest.fixture
+def supervisor(monkeypatch):
+    """Puts another program in the supervisor's place."""
+    started = []
+
+    def use(code):
+        def start(command, **options):
+            assert command[1:3] == ["-m", "deploy.supervise"]
+            child = subprocess.Popen([sys.executable, "-c", code, command[-1]], **options | {"stdin": subprocess.PIPE})
+            started.append((child, options))
+            return child
+
+        monkeypatch.setattr(launch, "subprocess", Faked(start))
+        return started
+
+    yield use
+    for child, _ in started:
+        child.stdin.close()
+        child.wait()
+
+
+class Faked:
+    """The module subprocess with another Popen."""
+
+    DEVNULL, STDOUT = subprocess.DEVNULL, subprocess.STDOUT
+
+    def __init__(self, popen):
+        self.Popen = popen
+
+
+def test_starting_returns_when_the_supervisor_has_its_place(run, supervisor):
+    started = supervisor(HOLD)
+    run.outcome_file.write_text('{"outcome": "stopped", "reason": ""}')
+    pid = start_supervisor(run, config())
+    [(child, options)] = started
+    assert child.pid == pid
+    assert options["start_new_session"]  # Ctrl-C in the terminal is not for it
+    assert options["env"]["OMP_NUM_THREADS"] == "1"
+    assert not run.outcome_file.exists()  # of the time before
+    assert json.loads(run.cluster_file.read_text())["actors"] == {"easy": 1}
+
+
+def test_a_supervisor_that_ends_at_once_is_a_failure_with_its_last_words(run, supervisor):
+    supervisor("print('first'); print('no more room')")
+    assert failure(start_supervisor, run, config()) == "the supervisor did not start: no more room"
+
+
+def test_a_supervisor_that_ends_without_a_word_is_a_failure_too(run, supervisor):
+    supervisor("")
+    assert failure(start_supervisor, run, config()) == "the supervisor did not start: it left no word"
+
+
+def test_processes_that_live_keep_their_cluster(run, supervisor):
+    supervisor(HOLD)
+    write_cluster_file(run, config())
+    before = run.cluster_file.read_text()
+    with sole(run, "learner"):
+        start_supervisor(run, config(port=free_port()))
+    assert run.cluster_file.read_text() == before
+
+
+def test_actors_asked_for_when_taking_over_are_wanted(run, supervisor):
+    supervisor(HOLD)
+    write_cluster_file(run, config())
+    endpoint = json.loads(run.cluster_file.read_text())["endpoint"]
+    with sole(run, "learner"):
+        start_supervisor(run, config(), {"easy": 3})
+    cluster = json.loads(run.cluster_file.read_text())
+    assert cluster["actors"] == {"easy": 3}
+    assert cluster["endpoint"] == endpoint  # what lives stays reachable
+
+
+# The curve
+
+
+def ended(code, stdout="", stderr=""):
+    """A `subprocess.run` that runs nothing."""
+    return lambda command, **_: subprocess.CompletedProcess(command, code, stdout, stderr)
+
+
+@pytest.mark.parametrize(
+    ("stderr", "reason"), [("Traceback\nValueError: no rows\n", "ValueError: no rows"), ("", "no reason given")]
+)
+def test_a_curve_that_cannot_be_drawn_says_why(run, monkeypatch, stderr, reason):
+    monkeypatch.setattr(subprocess, "run", ended(1, stderr=stderr))
+    assert failure(draw_curve, run) == f"the curve could not be drawn: {reason}"
+
+
+def test_a_curve_has_a_path(run, monkeypatch):
+    monkeypatch.setattr(subprocess, "run", ended(0, stdout="runs/one/curve.png\n"))
+    assert draw_curve(RunFolder(Path("runs/one"))) == Path("runs/one/curve.png")

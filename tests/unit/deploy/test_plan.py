@@ -1,0 +1,44 @@
+"""The plan of a cluster: which processes, and the commands that start them."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+from common.config import DIFFICULTIES
+from deploy.plan import actors, cluster
+
+
+def test_a_cluster_is_a_router_a_learner_an_evaluator_and_its_actors():
+    specs = cluster({"easy": 2, "any": 1})
+    assert [(spec.name, spec.role, spec.serves) for spec in specs] == [
+        ("router", "router", None),
+        ("learner", "learner", None),
+        ("evaluator", "evaluator", None),
+        ("actor-easy-0", "actor", "easy"),
+        ("actor-easy-1", "actor", "easy"),
+        ("actor-any-0", "actor", "any"),
+    ]
+
+
+def test_scaling_keeps_the_names_of_those_that_stay():
+    assert actors({"easy": 3})[:2] == actors({"easy": 2})
+    assert actors({"easy": 0}) == []
+
+
+def test_names_are_unique():
+    names = [spec.name for spec in cluster(dict.fromkeys((*DIFFICULTIES, "any"), 3))]
+    assert len(set(names)) == len(names) == 15
+
+
+def test_commands_name_the_service_the_run_and_what_an_actor_is():
+    router, *_, actor = cluster({"hard": 1})
+    assert router.command(Path("runs/one")) == [sys.executable, "-m", "services.router", "--run", "runs/one"]
+    assert actor.command(Path("runs/one")) == [
+        *(sys.executable, "-m", "services.actor", "--run", "runs/one"),
+        *("--name", "actor-hard-0", "--serves", "hard"),
+    ]
+
+
+def test_every_service_can_be_started_as_a_module():
+    for spec in cluster({"easy": 1}):
+        assert importlib.util.find_spec(f"services.{spec.role}.__main__") is not None

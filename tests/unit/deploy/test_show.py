@@ -1,0 +1,211 @@
+"""What a run looks like: every figure that matters is in the text."""
+
+import time
+
+import pytest
+from rich.console import Console
+
+from common.records import EpisodeRow, EvaluationRow, ProcessStatus, Progress, Status
+from deploy.show import duration, evaluation_table, number, process_table, progress_line, row_line, summary, view
+
+
+def rendered(renderable):
+    console = Console(record=True, width=120, force_terminal=False, quiet=False, file=None)
+    with console.capture() as captured:
+        console.print(renderable)
+    return captured.get()
+
+
+def episode(number_, value=-0.5, arrived=1, level="easy"):
+    return EpisodeRow(
+        episode=number_,
+        level=level,
+        seed=1,
+        normalised_return=value,
+        arrived=arrived,
+        trains=2,
+        steps=30 + number_,
+        decisions=4,
+        epsilon=0.125,
+        weights_version=number_,
+        digest="0" * 32,
+        actor="actor-easy-0",
+        acting_s=0.25,
+        trained_unix_s=1000.0,
+    )
+
+
+def evaluation(number_, value=-0.25, level="easy", all_arrived=0.5):
+    return EvaluationRow(
+        episode=number_,
+        level=level,
+        levels=10,
+        normalised_return=value,
+        arrived_share=0.75,
+        all_arrived_share=all_arrived,
+        mean_steps=41.5,
+        weights_digest="0" * 32,
+        evaluated_unix_s=1000.0,
+        evaluating_s=1.0,
+    )
+
+
+def process(name="learner", **changes):
+    fields = {
+        "process": name,
+        "role": name.partition("-")[0],
+        "difficulty": None,
+        "pid": 4321,
+        "state": "training",
+        "restarts": 0,
+        "last_heartbeat_unix_s": None,
+    }
+    return ProcessStatus(**fields | changes)
+
+
+def status(**changes):
+    progress = Progress(
+        done=40,
+        leased=2,
+        waiting={"easy": 1, "hard": 2},
+        weights_version=40,
+        snapshot=30,
+        evaluations=3,
+        evaluations_due=4,
+        return_last_100=-0.375,
+        episodes_per_s=2.5,
+        steps_per_s=99.6,
+        refused=0,
+        duplicates=0,
+        reissued=0,
+    )
+    fields = {
+        "run": "one",
+        "path": "runs/one",
+        "state": "running",
+        "algorithm": "dddqn",
+        "episodes": 100,
+        "supervisor_pid": 1,
+        "progress": progress,
+        "time_left_s": 24.0,
+        "problems": [],
+        "processes": [process(), process("actor-easy-0", difficulty="easy", pid=None, state="waiting to restart")],
+    }
+    return Status(**fields | changes)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0, "0:00"), (9.99, "0:09"), (60, "1:00"), (3599, "59:59"), (3600, "1:00:00"), (360_000, "100:00:00")],
+)
+def test_durations_are_read_like_a_clock(seconds, text):
+    assert duration(seconds) == text
+
+
+def test_a_number_may_be_none():
+    assert (number(None), number(-0.12345)) == ("-", "-0.123")
+
+
+def test_one_line_says_how_far_a_run_is():
+    assert progress_line(status()) == (
+        "running  40/100 episodes  return(100) -0.375  2.5 ep/s  3/4 evaluations  1 processes  0:24 left"
+    )
+    assert progress_line(status(time_left_s=None)).endswith("1 processes")
+    assert progress_line(status(state="starting", progress=None)) == "starting ..."
+
+
+def test_the_live_view_says_it_all():
+    text = rendered(view(status(problems=["first", "second", "third", "fourth"]), [evaluation(20), evaluation(40)]))
+    text = " ".join(text.replace("│", " ").split())  # lines may be broken anywhere
+    for part in (
+        "railctl one",
+        "Ctrl-C stops cleanly",
+        "running",
+        "40/100 episodes",
+        "0:24 left",
+        "return of the last 100: -0.375",
+        "2.5 episodes/s",
+        "100 steps/s",
+        "2 leased",
+        "3 waiting",
+        "snapshot 30",
+        "-0.250",
+        "75%",
+        "learner",
+        "4321",
+        "waiting to restart",
+        "! second",
+        "! fourth",
+    ):
+        assert part in text, part
+    assert "! first" not in text  # only the newest problems
+
+
+def test_the_live_view_of_a_run_that_starts():
+    text = rendered(view(status(state="starting", progress=None, processes=[process("router")]), []))
+    assert "starting" in text
+    assert "router" in text
+    assert "greedy" not in text
+
+
+def test_the_live_view_shows_the_newest_evaluations():
+    text = rendered(view(status(), [evaluation(1000 + number_) for number_ in range(20)]))
+    assert "1019" in text
+    assert "1012" in text
+    assert "1011" not in text
+
+
+def test_problems_are_shown_as_they_are():
+    text = rendered(view(status(problems=["learner died: [/red] [Errno 28]"]), []))
+    assert "! learner died: [/red] [Errno 28]" in text
+
+
+def test_the_table_of_processes(monkeypatch):
+    monkeypatch.setattr(time, "time", lambda: 1010.4)
+    shown = [
+        process("router", state="running", last_heartbeat_unix_s=1008.0),
+        process("actor-hard-3", difficulty="hard", pid=None, restarts=7, last_heartbeat_unix_s=2000.0),
+        process("evaluator"),
+    ]
+    lines = [line.split() for line in rendered(process_table(status(processes=shown))).splitlines()]
+    assert lines[1] == ["router", "4321", "running", "0", "2", "s", "ago"]
+    assert lines[2] == ["actor-hard-3", "hard", "-", "training", "7", "0", "s", "ago"]  # a clock that went back
+    assert lines[3] == ["evaluator", "4321", "training", "0", "-"]
+
+
+def test_the_table_of_evaluations():
+    [_, line] = rendered(evaluation_table([evaluation(50, all_arrived=0.125)])).splitlines()
+    assert line.split() == ["50", "easy", "-0.250", "75%", "12%", "42"]
+
+
+def test_the_summary_sets_blocks_of_episodes_beside_the_evaluation_at_their_end():
+    episodes = [episode(n, value=-1 + n / 64, arrived=n % 3) for n in range(40)]
+    evaluations = [evaluation(n, value=-n / 100) for n in (10, 20, 30, 40)]
+    lines = [line for line in rendered(summary(episodes, evaluations)).splitlines() if "-" in line and "│" in line]
+    cells = [[cell.strip() for cell in line.strip("│").split("│")] for line in lines]
+    assert [row[0] for row in cells] == [f"{first}-{first + 3}" for first in range(1, 41, 4)]
+    assert cells[0] == ["1-4", "-0.977", "38%", "32", "", ""]
+    assert cells[2][4:] == ["-0.100", "50%"]  # the evaluation after 10 episodes, in the block 9-12
+    assert [row[4] for row in cells] == ["", "", "-0.100", "", "-0.200", "", "", "-0.300", "", "-0.400"]
+
+
+def test_the_summary_of_a_short_run_has_a_line_an_episode():
+    text = rendered(summary([episode(0), episode(1)], []))
+    assert "1-1" in text
+    assert "2-2" in text
+
+
+def test_the_summary_of_a_mix_shows_every_difficulty():
+    episodes = [episode(0, level="easy"), episode(1, level="hard")]
+    text = rendered(summary(episodes, [evaluation(2, -0.125, "easy"), evaluation(2, -0.875, "hard")]))
+    assert "-0.125" in text
+    assert "-0.875" in text
+
+
+def test_a_row_is_a_line_of_its_figures():
+    assert row_line(episode(7)) == (
+        "episode      7  easy    return  -0.500  arrived 1/2  steps  37  epsilon 0.125  actor-easy-0"
+    )
+    assert row_line(evaluation(50)) == (
+        "checkpoint  50  easy    greedy  -0.250  arrived 75%  all arrived 50%  steps 42"
+    )
