@@ -100,8 +100,14 @@ class Tail:
     def rest(self) -> None:
         """Read to the end of the run."""
         output, _ = self.process.communicate()
-        self._watchdog.cancel()
         self.rows += [json.loads(line) for line in output.splitlines()]
+
+    def close(self) -> None:
+        """End the command if it goes on."""
+        self._watchdog.cancel()
+        if not self.process.stdout.closed:
+            self.process.kill()
+            self.process.communicate()
 
     @property
     def episodes(self) -> list[int]:
@@ -120,9 +126,17 @@ def clusters(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Clusters]:
 
 
 @pytest.fixture
-def tail(clusters: Clusters) -> Callable[[str], Tail]:
-    """Follows a run through `railctl tail --json`."""
-    return lambda name: Tail(clusters, name)
+def tail(clusters: Clusters) -> Iterator[Callable[[str], Tail]]:
+    """Follows runs through `railctl tail --json`."""
+    tails: list[Tail] = []
+
+    def follow(name: str) -> Tail:
+        tails.append(Tail(clusters, name))
+        return tails[-1]
+
+    yield follow
+    for one in tails:
+        one.close()
 
 
 @pytest.fixture(scope="session")

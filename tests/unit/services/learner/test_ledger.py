@@ -243,9 +243,12 @@ class Run(RuleBasedStateMachine):
         self.ledger.actor_gone(actor.incarnation)
 
     @precondition(lambda self: len(self.living) > 1)
-    @rule(which=WHICH)
-    def dies(self, which):
-        actor = self.living.pop(self.pick(which).incarnation)
+    @rule(which=WHICH, at_work=st.booleans())
+    def dies(self, which, at_work):
+        actor = self.pick(which)
+        if at_work and actor.acting is None:
+            self.ask(actor)
+        del self.living[actor.incarnation]
         self.dead.append(actor)
         self.ledger.actor_gone(actor.incarnation)
 
