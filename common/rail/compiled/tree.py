@@ -1,0 +1,304 @@
+"""Tree observations: raw, as flatland gives them, or as the vector of `common.rail.normalise`.
+
+Source: `TreeObsForRailEnv` and `ShortestPathPredictorForRailEnv` of flatland-rl 4.3.0 and 2.2.2. Three of them:
+
+| mode | |
+|---|---|
+| STOCK | 4.3.0: the predicted conflict is always infinite |
+| LEGACY | 2.2.2: conflicts are found, trains that have arrived are invisible, speeds are constant |
+| REPAIRED | 4.3.0 with conflicts found; it counts arrived trains as standing where they arrived |
+
+A tree of depth d has 1 + 4 + ... + 4^d nodes: root, left, forward, right, back, each followed by its own, pre-order.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.rail.compiled.arrays import (
+    DEAD_END,
+    DONE,
+    IS_OCCUPIED,
+    IS_TARGET,
+    LOOPS,
+    NOWHERE,
+    ONLY_WAY_SHIFT,
+    PLAIN,
+    SINGLE,
+    UNREACHED,
+    UNUSABLE,
+    WAYS,
+    Batch,
+)
+from common.rail.compiled.kernel import kernel
+
+STOCK: Final = 0
+LEGACY: Final = 1
+REPAIRED: Final = 2
+
+N_NODE_FEATURES: Final = 12
+MOST_BRANCHES: Final = 64  # that wait to be explored, at depth 3
+OTHERS: Final = np.uint64(0xFFFFFFFFFFFFFFFF)
+ONE: Final = np.uint64(1)
+INFINITE: Final = np.float32(np.inf)
+
+
+def nodes_of(depth: int) -> int:
+    """How many nodes a tree of a depth has."""
+    return (4 ** (depth + 1) - 1) // 3
+
+
+class Sight(NamedTuple):
+    """Where trains will be, and room to work: for one world at a time.
+
+    Attributes:
+        forecasts: [P + 1, N] int32, the configuration of each train in so many steps, NOWHERE for an invisible one.
+        due: [C] uint64, which trains are forecast to come by a cell; bit n stands for trains n, n + 64, ...
+        path: [P + 1] int32.
+        branches: [MOST_BRANCHES, 4] int32, still to be explored: configuration, distance, node, depth.
+        present: [nodes] int32, the nodes of the tree that there are.
+        stamps: [4C + 1] int64, the last branch that saw a configuration, and at the end their number.
+    """
+
+    forecasts: NDArray[np.int32]
+    due: NDArray[np.uint64]
+    path: NDArray[np.int32]
+    branches: NDArray[np.int32]
+    present: NDArray[np.int32]
+    stamps: NDArray[np.int64]
+
+
+def sight_of(batch: Batch, depth: int, predicted_steps: int) -> Sight:
+    """Room to look into the worlds of `batch`."""
+    n_trains, cells = batch.trains.shape[1], batch.cells.shape[1]
+    return Sight(
+        forecasts=np.zeros((predicted_steps + 1, n_trains), np.int32),
+        due=np.zeros(cells, np.uint64),
+        path=np.zeros(predicted_steps + 1, np.int32),
+        branches=np.zeros((MOST_BRANCHES, 4), np.int32),
+        present=np.zeros(nodes_of(depth), np.int32),
+        stamps=np.zeros(cells * 4 + 1, np.int64),
+    )
+
+
+@kernel
+def standpoint(batch: Batch, slot: int, at: int, mode: int) -> int:
+    """The configuration from which a train looks: where it is, will depart from, or arrived; NOWHERE if invisible."""
+    train = batch.trains[slot, at]
+    if train["config"] != NOWHERE:
+        return int(train["config"])
+    if train["state"] != DONE:
+        return int(train["start"])
+    return NOWHERE if mode == LEGACY else int(train["finish"])
+
+
+@kernel
+def forecast(batch: Batch, slot: int, sight: Sight, mode: int) -> None:
+    """Where all trains of a world will be, if each keeps to its shortest path and nobody hinders it."""
+    steps = len(sight.path) - 1
+    trains, forecasts, due = batch.trains[slot], sight.forecasts, sight.due
+    due[: batch.worlds[slot]["cells"]] = 0
+    for at in range(batch.worlds[slot]["trains"]):
+        here = standpoint(batch, slot, at, mode)
+        if here == NOWHERE:
+            forecasts[:, at] = NOWHERE
+            continue
+        moves = 0 if trains[at]["state"] == DONE else shortest_path(batch, slot, at, here, sight.path)
+        bit = ONE << np.uint64(at & 63)
+        target, per_cell = trains[at]["target"], trains[at]["steps_per_cell"]
+        forecasts[0, at] = here
+        due[here >> 2] |= bit
+        moved = 0
+        wait = per_cell
+        for step in range(1, steps + 1):
+            wait -= 1
+            if wait == 0:
+                wait = per_cell
+                if moved < moves and here >> 2 != target:
+                    here = sight.path[moved]
+                    moved += 1
+                    due[here >> 2] |= bit
+            forecasts[step, at] = here
+
+
+@kernel
+def shortest_path(batch: Batch, slot: int, at: int, here: int, path: NDArray[np.int32]) -> int:
+    """Fill `path` with the configurations after `here`; how many.
+
+    Left goes before forward before right. As in flatland, the last step of a path that does not reach its target in
+    time is not taken, and a train without a way stays where it is.
+    """
+    codes, leads, distances = batch.codes[slot], batch.leads[slot], batch.distances[slot, at]
+    most = len(path) - 1
+    best = UNREACHED
+    length = 0  # configurations passed, this one not included
+    while distances[here] != 0 and length < most:
+        code = int(codes[here])
+        ahead = NOWHERE
+        if code & SINGLE:
+            to = leads[(here & ~3) + (code >> ONLY_WAY_SHIFT & 3)]
+            if distances[to] < best:
+                best, ahead = int(distances[to]), to
+        else:
+            for turn in range(3, 6):
+                way = (here + turn) & 3
+                if code >> way & 1:
+                    to = leads[(here & ~3) + way]
+                    if distances[to] < best:
+                        best, ahead = int(distances[to]), to
+        if ahead == NOWHERE:
+            return 0
+        path[length] = ahead
+        length += 1
+        here = ahead
+    return length - 1 if length == most else length
+
+
+@kernel
+def meets(batch: Batch, slot: int, sight: Sight, at: int, here: int, time: int, mode: int) -> bool:
+    """Whether another train is due in the cell of `here` about `time`, and faces a way out.
+
+    Only the first moment at which others are there counts; then flatland counts this train, too.
+    """
+    steps = len(sight.path) - 1
+    n_trains = int(batch.worlds[slot]["trains"])
+    code, cell = int(batch.codes[slot, here]), here >> 2
+    due = sight.due[cell]
+    for moment in (time, max(0, time - 1), min(steps, time + 1)):
+        others = False
+        answer = False
+        for bit in range(min(64, n_trains)):
+            if due >> np.uint64(bit) & ONE:
+                for other in range(bit, n_trains, 64):
+                    there = int(sight.forecasts[moment, other])
+                    if there != NOWHERE and there >> 2 == cell:
+                        others = others or other != at
+                        against = (there ^ here) & 3 != 0 and code >> ((there + 2) & 3) & 1 != 0
+                        arrived = mode == REPAIRED and batch.trains[slot, other]["state"] == DONE
+                        answer = answer or against or arrived
+        if others:
+            return answer
+    return False
+
+
+@kernel
+def grow(
+    batch: Batch, slot: int, at: int, sight: Sight, mode: int, depth: int, nodes: NDArray[np.float32]
+) -> int:
+    """Write the rows of a train's tree into [nodes, 12]; how many there are, which `sight.present` tells.
+
+    The train must be visible; where conflicts are found, `forecast` comes first.
+    """
+    codes, leads, cells = batch.codes[slot], batch.leads[slot], batch.cells[slot]
+    trains, distances = batch.trains[slot], batch.distances[slot, at]
+    branches, stamps = sight.branches, sight.stamps
+    unit = batch.worlds[slot]["unit"]
+    own_target, time_per_cell = int(trains[at]["target"]), trains[at]["time_per_cell"]
+    predicted = 0 if mode == STOCK else len(sight.path)
+    strangers = OTHERS if batch.worlds[slot]["trains"] > 64 else OTHERS ^ (ONE << np.uint64(at & 63))
+    here = standpoint(batch, slot, at, mode)
+
+    speed = trains[at]["full_speed"] if mode == LEGACY else trains[at]["speed"]
+    for feature in range(9):
+        nodes[0, feature] = 0
+    nodes[0, 6] = INFINITE if distances[here] == UNREACHED else distances[here]
+    nodes[0, 9] = trains[at]["malfunction"]
+    nodes[0, 10] = speed / unit
+    nodes[0, 11] = 0
+    sight.present[0] = 0
+    count = 1
+
+    size = 1  # nodes of a subtree of the root
+    for _ in range(depth - 1):
+        size = 1 + 4 * size
+    code = int(codes[here])
+    facing = code >> ONLY_WAY_SHIFT if code & SINGLE else here
+    waiting = 0
+    for turn in range(4):
+        way = (facing + turn + 3) & 3
+        if code >> way & 1:
+            branches[waiting, 0] = leads[(here & ~3) + way]
+            branches[waiting, 1] = 1
+            branches[waiting, 2] = 1 + turn * size
+            branches[waiting, 3] = size
+            waiting += 1
+    while waiting > 0:
+        waiting -= 1
+        here, steps = int(branches[waiting, 0]), int(branches[waiting, 1])
+        node, size = int(branches[waiting, 2]), int(branches[waiting, 3])
+        own = other = near = unusable = conflict = -1
+        same = opposite = longest = ready = 0
+        slowest = unit
+        ends = False
+        stamps[-1] += 1
+        stamp = stamps[-1]
+        while True:
+            cell = here >> 2
+            code = int(codes[here])
+            marks = cells[cell]["marks"]
+            if marks & IS_OCCUPIED:
+                met = trains[cells[cell]["train"]]
+                if near < 0:
+                    near = steps
+                longest = max(longest, int(met["malfunction"]))
+                ready += cells[cell]["waiting"]
+                if (met["config"] ^ here) & 3 == 0:
+                    same += 1
+                    slowest = min(slowest, met["full_speed"] if mode == LEGACY else met["speed"])
+                else:
+                    opposite += 1
+            if conflict < 0 and steps < predicted and sight.due[cell] & strangers:
+                time = int(steps * time_per_cell)
+                if time < predicted and meets(batch, slot, sight, at, here, time, mode):
+                    conflict = steps
+            if marks & IS_TARGET:
+                if cell == own_target:
+                    own = steps
+                    break
+                if other < 0:
+                    other = steps
+            if code & PLAIN:
+                here = leads[(here & ~3) + (code >> ONLY_WAY_SHIFT & 3)]
+                steps += 1
+                continue
+            if code & LOOPS:
+                if stamps[here] == stamp:
+                    ends = True
+                    break
+                stamps[here] = stamp
+            if code & UNUSABLE and unusable < 0:
+                unusable = steps
+            if not code & SINGLE:
+                ends = code & WAYS == 0
+                break
+            if code & DEAD_END:
+                break
+            here = leads[(here & ~3) + (code >> ONLY_WAY_SHIFT & 3)]
+            steps += 1
+        nodes[node, 0] = own if own >= 0 else INFINITE
+        nodes[node, 1] = other if other >= 0 else INFINITE
+        nodes[node, 2] = near if near >= 0 else INFINITE
+        nodes[node, 3] = conflict if conflict >= 0 else INFINITE
+        nodes[node, 4] = unusable if unusable >= 0 else INFINITE
+        nodes[node, 5] = INFINITE if ends else steps
+        nodes[node, 6] = 0 if own >= 0 else INFINITE if distances[here] == UNREACHED else distances[here]
+        nodes[node, 7] = same
+        nodes[node, 8] = opposite
+        nodes[node, 9] = longest
+        nodes[node, 10] = slowest / unit
+        nodes[node, 11] = ready
+        sight.present[count] = node
+        count += 1
+        if size > 1 and own < 0 and not ends:
+            size = (size - 1) >> 2
+            facing = here + 2 if code & DEAD_END else here  # a dead end is left backwards, which is called forward
+            for turn in range(4):
+                way = (facing + turn + 3) & 3
+                if code >> way & 1:
+                    branches[waiting, 0] = leads[(here & ~3) + way]
+                    branches[waiting, 1] = steps + 1
+                    branches[waiting, 2] = node + 1 + turn * size
+                    branches[waiting, 3] = size
+                    waiting += 1
+    return count
