@@ -48,7 +48,7 @@ def trains_in(world: CompiledWorld, slot: int) -> list[tuple]:
                 Fraction(int(train["distance"]), unit),
                 int(train["malfunction"]),
                 bool(train["done"]),
-                bool(decides(batch, slot, at, ALWAYS)),
+                bool(decides(train, batch.codes[slot], unit, ALWAYS)),
                 int(train["arrived_at"]) if train["arrived_at"] >= 0 else None,
             )
         )

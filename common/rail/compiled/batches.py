@@ -80,12 +80,13 @@ def survey(
     over: NDArray[np.bool_],
 ) -> None:
     """Fill in what has become of a slot: [E, N], [E, N] and [E]."""
-    over[slot] = batch.worlds[slot]["over"]
+    world, trains, codes = batch.worlds[slot], batch.trains[slot], batch.codes[slot]
+    over[slot] = world["over"]
     deciding[slot] = False
     arrived[slot] = False
-    for at in range(batch.worlds[slot]["trains"]):
-        arrived[slot, at] = batch.trains[slot, at]["state"] == DONE
-        deciding[slot, at] = not over[slot] and decides(batch, slot, at, mode)
+    for at in range(world["trains"]):
+        arrived[slot, at] = trains[at]["state"] == DONE
+        deciding[slot, at] = not world["over"] and decides(trains[at], codes, world["unit"], mode)
 
 
 @kernel
@@ -105,8 +106,9 @@ def step_all(
         rewards[slot] = 0
         if over[slot]:
             continue
+        trains = batch.trains[slot]
         for at in range(batch.worlds[slot]["trains"]):
             own = obey or deciding[slot, at]
-            batch.trains[slot, at]["action"] = actions[slot, at] if own else MOVE_FORWARD
+            trains[at]["action"] = actions[slot, at] if own else MOVE_FORWARD
         step(batch, slot, rewards[slot], legacy)
         survey(batch, slot, mode, deciding, arrived, over)

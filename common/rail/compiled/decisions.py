@@ -9,6 +9,9 @@
 
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from common.rail.compiled.arrays import (
     BROKEN,
     DECIDES,
@@ -16,7 +19,6 @@ from common.rail.compiled.arrays import (
     NOTHING,
     READY,
     STOPPED,
-    Batch,
 )
 from common.rail.compiled.kernel import kernel
 
@@ -26,16 +28,15 @@ CELLS: Final = 2
 
 
 @kernel
-def decides(batch: Batch, slot: int, at: int, mode: int) -> bool:
-    """Whether the train `at` of a slot must decide."""
-    train = batch.trains[slot, at]
-    if train["state"] == READY:
+def decides(train: np.void, codes: NDArray[np.int16], unit: int, mode: int) -> bool:
+    """Whether a train of a world must decide."""
+    state = train["state"]
+    if state == READY:
         return True
-    if train["state"] not in (MOVING, STOPPED, BROKEN) or train["committed"] != NOTHING:
+    if state not in (MOVING, STOPPED, BROKEN) or train["committed"] != NOTHING:
         return False
     if mode == LEGACY:
         return True
-    ends = bool(train["distance"] + train["full_speed"] >= batch.worlds[slot]["unit"])
-    if mode == ALWAYS:
-        return ends
-    return ends and train["malfunction"] == 0 and batch.codes[slot, train["config"]] & DECIDES != 0
+    if train["distance"] + train["full_speed"] < unit:
+        return False
+    return mode == ALWAYS or (train["malfunction"] == 0 and codes[train["config"]] & DECIDES != 0)

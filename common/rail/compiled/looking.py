@@ -75,5 +75,5 @@ def look_at_all(batch: Batch, sight: Sight, mode: int, depth: int, trees: NDArra
             forecast(batch, slot, sight, mode)
         for at in range(batch.worlds[slot]["trains"]):
             trees[slot, at] = np.nan
-            if standpoint(batch, slot, at, mode) != NOWHERE:
+            if standpoint(batch.trains[slot, at], mode) != NOWHERE:
                 grow(batch, slot, at, sight, mode, depth, trees[slot, at])

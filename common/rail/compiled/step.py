@@ -75,45 +75,50 @@ def start(batch: Batch, slot: int, legacy: bool) -> None:
 @kernel
 def step(batch: Batch, slot: int, rewards: NDArray[np.float32], legacy: bool) -> None:
     """One step of a world that is not over, with the actions that its trains hold; fills `rewards`, [N]."""
-    world, trains = batch.worlds[slot], batch.trains[slot]
-    n_trains = world["trains"]
-    world["time"] += 1
+    world, cells = batch.worlds[slot], batch.cells[slot]
+    trains = batch.trains[slot, : world["trains"]]
+    codes, leads = batch.codes[slot], batch.leads[slot]
+    time, unit = world["time"] + 1, world["unit"]
+    world["time"] = time
     if world["breaks"]:
-        break_down(batch, slot)
-    for at in range(n_trains):
+        break_down(world, trains, batch.broken[slot], batch.twister[slot])
+    for at in range(len(trains)):
         if legacy:
-            remember(batch.codes[slot], batch.leads[slot], trains[at])
-        intend(batch.codes[slot], batch.leads[slot], trains[at], world["unit"], world["time"])
-    resolve(batch, slot)
+            remember(codes, leads, trains[at])
+        intend(codes, leads, trains[at], unit, time)
+    resolve(trains, cells)
     all_arrived = True
-    for at in range(n_trains):
-        act(trains[at], world["unit"], world["time"])
+    for at in range(len(trains)):
+        act(trains[at], unit, time)
         all_arrived = all_arrived and trains[at]["state"] == DONE
-    settle(batch, slot)
+    settle(trains, cells, time)
+    over = all_arrived or time >= world["max_steps"]
     world["all_arrived"] = all_arrived
-    world["over"] = all_arrived or world["time"] >= world["max_steps"]
-    for at in range(n_trains):
-        rewards[at] = (0 if trains[at]["state"] == DONE else -1) + (1 if all_arrived else 0)
-        if world["over"]:
-            trains[at]["done"] = True
+    world["over"] = over
+    for at in range(len(trains)):
+        train = trains[at]
+        rewards[at] = (0 if train["state"] == DONE else -1) + (1 if all_arrived else 0)
+        if over:
+            train["done"] = True
         if legacy:
-            blocked = trains[at]["driving"] and trains[at]["config"] == trains[at]["before"]
-            trains[at]["committed"] = trains[at]["action"] if blocked else NOTHING
+            blocked = train["driving"] and train["config"] == train["before"]
+            train["committed"] = train["action"] if blocked else NOTHING
 
 
 @kernel
-def break_down(batch: Batch, slot: int) -> None:
+def break_down(
+    world: np.void, trains: NDArray[np.void], broken: NDArray[np.uint8], words: NDArray[np.uint32]
+) -> None:
     """Draw malfunctions for all trains, also those that cannot break (any more, or once more)."""
-    world, broken, words = batch.worlds[slot], batch.broken[slot], batch.twister[slot]
     draw = int(world["draw"])
-    for at in range(world["trains"]):
+    for at in range(len(trains)):
         draw += 1
         if draw == DRAWS:
             draw = 0
         if broken[draw >> 3] >> (7 - (draw & 7)) & 1:
             steps = duration(words, int(world["shortest"]), int(world["longest"]))
-            if batch.trains[slot, at]["malfunction"] == 0:
-                batch.trains[slot, at]["malfunction"] = steps
+            if trains[at]["malfunction"] == 0:
+                trains[at]["malfunction"] = steps
     world["draw"] = draw
 
 
@@ -172,11 +177,9 @@ def intend(codes: NDArray[np.int16], leads: NDArray[np.int32], train: np.void, u
 
 
 @kernel
-def resolve(batch: Batch, slot: int) -> None:
+def resolve(trains: NDArray[np.void], cells: NDArray[np.void]) -> None:
     """Who may go where it wants to: the lowest train, if it swaps with nobody and who is there goes on itself."""
-    trains, cells = batch.trains[slot], batch.cells[slot]
-    n_trains = batch.worlds[slot]["trains"]
-    for at in range(n_trains):
+    for at in range(len(trains)):
         want = int(trains[at]["want"])
         if want == NOWHERE or want >> 2 == trains[at]["before"] >> 2:
             trains[at]["passes"] = STAYS
@@ -184,7 +187,7 @@ def resolve(batch: Batch, slot: int) -> None:
             trains[at]["passes"] = UNKNOWN
             if cells[want >> 2]["claim"] == NOTHING:
                 cells[want >> 2]["claim"] = at
-    for at in range(n_trains):
+    for at in range(len(trains)):
         if trains[at]["passes"] != UNKNOWN:
             continue
         last, answer = at, UNKNOWN
@@ -208,7 +211,7 @@ def resolve(batch: Batch, slot: int) -> None:
                 if follower == last:
                     break
                 follower = int(cells[trains[follower]["want"] >> 2]["train"])
-    for at in range(n_trains):
+    for at in range(len(trains)):
         if trains[at]["want"] != NOWHERE:
             cells[trains[at]["want"] >> 2]["claim"] = NOTHING
 
@@ -262,17 +265,15 @@ def act(train: np.void, unit: int, time: int) -> None:
 
 
 @kernel
-def settle(batch: Batch, slot: int) -> None:
+def settle(trains: NDArray[np.void], cells: NDArray[np.void], time: int) -> None:
     """Note in the cells who is where now."""
-    trains, cells = batch.trains[slot], batch.cells[slot]
-    n_trains, time = batch.worlds[slot]["trains"], batch.worlds[slot]["time"]
-    for at in range(n_trains):
+    for at in range(len(trains)):
         if trains[at]["before"] != NOWHERE:
             cells[trains[at]["before"] >> 2]["train"] = NOTHING
             cells[trains[at]["before"] >> 2]["marks"] &= ~IS_OCCUPIED
         elif trains[at]["config"] != NOWHERE or trains[at]["arrived_at"] == time:
             cells[trains[at]["start"] >> 2]["waiting"] -= 1
-    for at in range(n_trains):
+    for at in range(len(trains)):
         if trains[at]["config"] != NOWHERE:
             cells[trains[at]["config"] >> 2]["train"] = at
             cells[trains[at]["config"] >> 2]["marks"] |= IS_OCCUPIED

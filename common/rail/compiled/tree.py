@@ -39,8 +39,10 @@ REPAIRED: Final = 2
 
 N_NODE_FEATURES: Final = 12
 MOST_BRANCHES: Final = 64  # that wait to be explored, at depth 3
-OTHERS: Final = np.uint64(0xFFFFFFFFFFFFFFFF)
+MOST_PREDICTED_STEPS: Final = 62  # moments are bits
+ALL: Final = np.uint64(0xFFFFFFFFFFFFFFFF)
 ONE: Final = np.uint64(1)
+AROUND: Final = np.uint64(7)  # a moment, the one before and the one after
 INFINITE: Final = np.float32(np.inf)
 
 
@@ -53,16 +55,18 @@ class Sight(NamedTuple):
     """Where trains will be, and room to work: for one world at a time.
 
     Attributes:
-        forecasts: [P + 1, N] int32, the configuration of each train in so many steps, NOWHERE for an invisible one.
-        due: [C] uint64, which trains are forecast to come by a cell; bit n stands for trains n, n + 64, ...
-        path: [P + 1] int32.
-        branches: [MOST_BRANCHES, 4] int32, still to be explored: configuration, distance, node, depth.
+        forecasts: [N, P + 1] int32, the configuration of each train in so many steps, NOWHERE for an invisible one.
+        once, twice: [C] uint64, the moments at which one train or more, two or more, are forecast to be in a cell, a
+            bit each.
+        path: [P] int32.
+        branches: [MOST_BRANCHES, 4] int32, still to be explored: configuration, distance, node, nodes of its subtree.
         present: [nodes] int32, the nodes of the tree that there are.
         stamps: [4C + 1] int64, the last branch that saw a configuration, and at the end their number.
     """
 
     forecasts: NDArray[np.int32]
-    due: NDArray[np.uint64]
+    once: NDArray[np.uint64]
+    twice: NDArray[np.uint64]
     path: NDArray[np.int32]
     branches: NDArray[np.int32]
     present: NDArray[np.int32]
@@ -73,9 +77,10 @@ def sight_of(batch: Batch, depth: int, predicted_steps: int) -> Sight:
     """Room to look into the worlds of `batch`."""
     n_trains, cells = batch.trains.shape[1], batch.cells.shape[1]
     return Sight(
-        forecasts=np.zeros((predicted_steps + 1, n_trains), np.int32),
-        due=np.zeros(cells, np.uint64),
-        path=np.zeros(predicted_steps + 1, np.int32),
+        forecasts=np.zeros((n_trains, predicted_steps + 1), np.int32),
+        once=np.zeros(cells, np.uint64),
+        twice=np.zeros(cells, np.uint64),
+        path=np.zeros(predicted_steps, np.int32),
         branches=np.zeros((MOST_BRANCHES, 4), np.int32),
         present=np.zeros(nodes_of(depth), np.int32),
         stamps=np.zeros(cells * 4 + 1, np.int64),
@@ -83,9 +88,8 @@ def sight_of(batch: Batch, depth: int, predicted_steps: int) -> Sight:
 
 
 @kernel
-def standpoint(batch: Batch, slot: int, at: int, mode: int) -> int:
+def standpoint(train: np.void, mode: int) -> int:
     """The configuration from which a train looks: where it is, will depart from, or arrived; NOWHERE if invisible."""
-    train = batch.trains[slot, at]
     if train["config"] != NOWHERE:
         return int(train["config"])
     if train["state"] != DONE:
@@ -96,59 +100,65 @@ def standpoint(batch: Batch, slot: int, at: int, mode: int) -> int:
 @kernel
 def forecast(batch: Batch, slot: int, sight: Sight, mode: int) -> None:
     """Where all trains of a world will be, if each keeps to its shortest path and nobody hinders it."""
-    steps = len(sight.path) - 1
-    trains, forecasts, due = batch.trains[slot], sight.forecasts, sight.due
-    due[: batch.worlds[slot]["cells"]] = 0
+    codes, leads, trains = batch.codes[slot], batch.leads[slot], batch.trains[slot]
+    once, twice, path = sight.once, sight.twice, sight.path
+    moments = len(path) + 1
+    once[: batch.worlds[slot]["cells"]] = 0
+    twice[: batch.worlds[slot]["cells"]] = 0
     for at in range(batch.worlds[slot]["trains"]):
-        here = standpoint(batch, slot, at, mode)
+        forecasts, train = sight.forecasts[at], trains[at]
+        here = standpoint(train, mode)
         if here == NOWHERE:
-            forecasts[:, at] = NOWHERE
+            forecasts[:] = NOWHERE
             continue
-        moves = 0 if trains[at]["state"] == DONE else shortest_path(batch, slot, at, here, sight.path)
-        bit = ONE << np.uint64(at & 63)
-        target, per_cell = trains[at]["target"], trains[at]["steps_per_cell"]
-        forecasts[0, at] = here
-        due[here >> 2] |= bit
-        moved = 0
-        wait = per_cell
-        for step in range(1, steps + 1):
-            wait -= 1
-            if wait == 0:
-                wait = per_cell
-                if moved < moves and here >> 2 != target:
-                    here = sight.path[moved]
-                    moved += 1
-                    due[here >> 2] |= bit
-            forecasts[step, at] = here
+        moves = 0
+        if train["state"] != DONE:
+            moves = shortest_path(codes, leads, batch.distances[slot, at], here, path)
+        stay = int(train["steps_per_cell"])
+        begin = moved = 0
+        while begin < moments:
+            stays = moved == moves or here >> 2 == train["target"]
+            end = moments if stays else min(moments, begin + stay)
+            for moment in range(begin, end):
+                forecasts[moment] = here
+            when = (ALL >> np.uint64(64 - end + begin)) << np.uint64(begin)
+            twice[here >> 2] |= once[here >> 2] & when
+            once[here >> 2] |= when
+            if not stays:
+                here = int(path[moved])
+                moved += 1
+            begin = end
 
 
 @kernel
-def shortest_path(batch: Batch, slot: int, at: int, here: int, path: NDArray[np.int32]) -> int:
+def shortest_path(
+    codes: NDArray[np.int16], leads: NDArray[np.int32], distances: NDArray[np.int16], here: int, path: NDArray[np.int32]
+) -> int:
     """Fill `path` with the configurations after `here`; how many.
 
     Left goes before forward before right. As in flatland, the last step of a path that does not reach its target in
     time is not taken, and a train without a way stays where it is.
     """
-    codes, leads, distances = batch.codes[slot], batch.leads[slot], batch.distances[slot, at]
-    most = len(path) - 1
+    most = len(path)
     best = UNREACHED
-    length = 0  # configurations passed, this one not included
+    length = 0
     while distances[here] != 0 and length < most:
         code = int(codes[here])
         ahead = NOWHERE
         if code & SINGLE:
-            to = leads[(here & ~3) + (code >> ONLY_WAY_SHIFT & 3)]
-            if distances[to] < best:
-                best, ahead = int(distances[to]), to
+            ahead = int(leads[(here & ~3) + (code >> ONLY_WAY_SHIFT & 3)])
+            if distances[ahead] >= best:
+                return 0
+            best = int(distances[ahead])
         else:
             for turn in range(3, 6):
                 way = (here + turn) & 3
                 if code >> way & 1:
-                    to = leads[(here & ~3) + way]
+                    to = int(leads[(here & ~3) + way])
                     if distances[to] < best:
                         best, ahead = int(distances[to]), to
-        if ahead == NOWHERE:
-            return 0
+            if ahead == NOWHERE:
+                return 0
         path[length] = ahead
         length += 1
         here = ahead
@@ -156,29 +166,34 @@ def shortest_path(batch: Batch, slot: int, at: int, here: int, path: NDArray[np.
 
 
 @kernel
-def meets(batch: Batch, slot: int, sight: Sight, at: int, here: int, time: int, mode: int) -> bool:
+def meets(  # one argument a table
+    codes: NDArray[np.int16],
+    trains: NDArray[np.void],
+    sight: Sight,
+    n_trains: int,
+    at: int,
+    here: int,
+    time: int,
+    mode: int,
+) -> bool:
     """Whether another train is due in the cell of `here` about `time`, and faces a way out.
 
     Only the first moment at which others are there counts; then flatland counts this train, too.
     """
-    steps = len(sight.path) - 1
-    n_trains = int(batch.worlds[slot]["trains"])
-    code, cell = int(batch.codes[slot, here]), here >> 2
-    due = sight.due[cell]
-    for moment in (time, max(0, time - 1), min(steps, time + 1)):
-        others = False
-        answer = False
-        for bit in range(min(64, n_trains)):
-            if due >> np.uint64(bit) & ONE:
-                for other in range(bit, n_trains, 64):
-                    there = int(sight.forecasts[moment, other])
-                    if there != NOWHERE and there >> 2 == cell:
-                        others = others or other != at
-                        against = (there ^ here) & 3 != 0 and code >> ((there + 2) & 3) & 1 != 0
-                        arrived = mode == REPAIRED and batch.trains[slot, other]["state"] == DONE
-                        answer = answer or against or arrived
-        if others:
-            return answer
+    forecasts, cell = sight.forecasts, here >> 2
+    once, twice = sight.once[cell], sight.twice[cell]
+    for moment in (time, time - 1, min(forecasts.shape[1] - 1, time + 1)):
+        now = np.uint64(moment)
+        if once >> now & ONE and (twice >> now & ONE or forecasts[at, moment] >> 2 != cell):
+            code = int(codes[here])
+            for other in range(n_trains):
+                there = int(forecasts[other, moment])
+                if there >> 2 == cell:
+                    if (there ^ here) & 3 and code >> ((there + 2) & 3) & 1:
+                        return True
+                    if mode == REPAIRED and trains[other]["state"] == DONE:
+                        return True
+            return False
     return False
 
 
@@ -195,9 +210,10 @@ def grow(
     branches, stamps = sight.branches, sight.stamps
     unit = batch.worlds[slot]["unit"]
     own_target, time_per_cell = int(trains[at]["target"]), trains[at]["time_per_cell"]
-    predicted = 0 if mode == STOCK else len(sight.path)
-    strangers = OTHERS if batch.worlds[slot]["trains"] > 64 else OTHERS ^ (ONE << np.uint64(at & 63))
-    here = standpoint(batch, slot, at, mode)
+    n_trains = int(batch.worlds[slot]["trains"])
+    predicted = 0 if mode == STOCK else len(sight.path) + 1
+    once = sight.once
+    here = standpoint(trains[at], mode)
 
     speed = trains[at]["full_speed"] if mode == LEGACY else trains[at]["speed"]
     for feature in range(9):
@@ -248,10 +264,11 @@ def grow(
                     slowest = min(slowest, met["full_speed"] if mode == LEGACY else met["speed"])
                 else:
                     opposite += 1
-            if conflict < 0 and steps < predicted and sight.due[cell] & strangers:
+            if conflict < 0 and steps < predicted:
                 time = int(steps * time_per_cell)
-                if time < predicted and meets(batch, slot, sight, at, here, time, mode):
-                    conflict = steps
+                if time < predicted and once[cell] >> np.uint64(time - 1) & AROUND:
+                    if meets(codes, trains, sight, n_trains, at, here, time, mode):
+                        conflict = steps
             if marks & IS_TARGET:
                 if cell == own_target:
                     own = steps

@@ -17,7 +17,7 @@ from common.rail.compiled.looking import look, look_at_all
 from common.rail.compiled.malfunctions import Malfunctions
 from common.rail.compiled.paths import number_cells
 from common.rail.compiled.traffic import STUDY, Traffic
-from common.rail.compiled.tree import N_NODE_FEATURES, nodes_of, sight_of
+from common.rail.compiled.tree import MOST_PREDICTED_STEPS, N_NODE_FEATURES, nodes_of, sight_of
 
 Rules = Literal["stock", "legacy"]
 Tree = Literal["stock", "legacy", "repaired"]
@@ -58,6 +58,8 @@ class CompiledWorld:
     ) -> None:
         if not 1 <= depth <= DEEPEST:
             raise ValueError(f"depth {depth} is not supported: choose 1 to {DEEPEST}")
+        if not 1 <= predicted_steps <= MOST_PREDICTED_STEPS:
+            raise ValueError(f"{predicted_steps} predicted steps are not supported: choose 1 to {MOST_PREDICTED_STEPS}")
         self.slots = slots
         self.max_trains = max_trains
         self.n_features = nodes_of(depth) * N_NODE_FEATURES
