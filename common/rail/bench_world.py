@@ -51,7 +51,7 @@ class Row:
     repeats: int
 
 
-class Disagreement(RuntimeError):
+class DisagreementError(RuntimeError):
     """The two worlds did not end in the same state: the times mean nothing."""
 
 
@@ -67,7 +67,9 @@ def environment(level: Level, *, disturbed: bool) -> RailEnv:
         ends = [Waypoint(target, way) for way in ways if rail.is_valid_configuration((target, way))]
         waypoints[train] = [[Waypoint((row, column), ways[heading])], ends]
     speeds = [SPEEDS[train % len(SPEEDS)] if disturbed else 1.0 for train in range(n_trains)]
-    timetable: Any = Timetable([[0, None]] * n_trains, [[None, level.max_steps]] * n_trains, level.max_steps)
+    departures: list[Any] = [[0, None]] * n_trains
+    arrivals: list[Any] = [[None, level.max_steps]] * n_trains
+    timetable = Timetable(departures, arrivals, level.max_steps)
     return RailEnv(
         level.grid.shape[1],
         level.grid.shape[0],
@@ -75,7 +77,7 @@ def environment(level: Level, *, disturbed: bool) -> RailEnv:
         line_generator=lambda *_args: Line(waypoints, speeds),
         timetable_generator=lambda *_args: timetable,
         number_of_agents=n_trains,
-        obs_builder_object=TreeObsForRailEnv(DEPTH, ShortestPathPredictorForRailEnv(PREDICTED_STEPS)),  # type: ignore[no-untyped-call]
+        obs_builder_object=TreeObsForRailEnv(DEPTH, ShortestPathPredictorForRailEnv(PREDICTED_STEPS)),
         malfunction_generator=ParamMalfunctionGen(MALFUNCTIONS) if disturbed else None,
         acceleration_delta=Fraction(1),
         braking_delta=Fraction(-1),
@@ -87,7 +89,7 @@ def compare(name: str, levels: Sequence[Level], *, disturbed: bool, steps: int, 
     """Play `levels` for so many steps, over and over.
 
     Raises:
-        Disagreement: the worlds differ in the end.
+        DisagreementError: the worlds differ in the end.
     """
     n_trains = max(level.n_trains for level in levels)
     rng = np.random.default_rng(0)
@@ -103,7 +105,7 @@ def compare(name: str, levels: Sequence[Level], *, disturbed: bool, steps: int, 
         our_time, our_steps = _play_ours(world, actions)
         their_time, their_steps = _play_theirs(environments, actions)
         if our_steps != their_steps or not _agree(world, environments):
-            raise Disagreement(f"{name}, repeat {repeat}")
+            raise DisagreementError(f"{name}, repeat {repeat}")
         if repeat > 0:  # the first warms up both
             ours.append(our_time / our_steps * 1e6)
             theirs.append(their_time / their_steps * 1e6)
@@ -124,7 +126,8 @@ def _play_ours(world: CompiledWorld, actions: NDArray[np.int8]) -> tuple[float, 
 
 def _play_theirs(environments: Sequence[RailEnv], actions: NDArray[np.int8]) -> tuple[float, int]:
     seconds, played = 0.0, 0
-    for slot, env in enumerate(environments):
+    envs: Sequence[Any] = environments
+    for slot, env in enumerate(envs):
         orders = [dict(enumerate(chosen.tolist())) for chosen in actions[:, slot, : len(env.agents)]]
         begun = time.process_time()
         for order in orders:
@@ -145,7 +148,9 @@ def _agree(world: CompiledWorld, environments: Sequence[RailEnv]) -> bool:
         if trains["state"].tolist() != [int(agent.state) for agent in agents]:
             return False
         seen: Any = env.obs_dict
-        if trees[slot, : len(agents), 0, 6].tolist() != [seen[train].dist_min_to_target for train in range(len(agents))]:
+        if trees[slot, : len(agents), 0, 6].tolist() != [
+            seen[train].dist_min_to_target for train in range(len(agents))
+        ]:
             return False
     return True
 

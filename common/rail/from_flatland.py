@@ -25,13 +25,13 @@ def level_of(env: RailEnv) -> Level:
     Raises:
         UnsupportedEnvironmentError: see the module.
     """
-    agents: Any = env.agents
-    resources: Any = env.resource_map
-    if resources.level_free_positions:
-        raise UnsupportedEnvironmentError(f"level-free crossings at {sorted(resources.level_free_positions)}")
+    world: Any = env
+    agents, free = world.agents, world.resource_map.level_free_positions
+    if free:
+        raise UnsupportedEnvironmentError(f"level-free crossings at {sorted(free)}")
     if not env.remove_agents_at_target:
         raise UnsupportedEnvironmentError("trains stay on the map at their targets (remove_agents_at_target=False)")
-    if (env.acceleration_delta, env.braking_delta) != (1, -1):
+    if (world.acceleration_delta, world.braking_delta) != (1, -1):
         raise UnsupportedEnvironmentError(
             f"acceleration {env.acceleration_delta} and braking {env.braking_delta} instead of 1 and -1"
         )
@@ -39,13 +39,14 @@ def level_of(env: RailEnv) -> Level:
     targets = [{position for position, _ in agent.targets} for agent in agents]
     if any(len(cells) != 1 for cells in targets):
         raise UnsupportedEnvironmentError("a train has targets in several cells")
-    if env._max_episode_steps is None:  # noqa: SLF001  (there is no other way to ask)
+    max_steps = world._max_episode_steps  # noqa: SLF001  (there is no other way to ask)
+    if max_steps is None:
         raise UnsupportedEnvironmentError("there is no step limit")
     return Level(
-        grid=np.array(env.rail.grid, np.uint16),
+        grid=np.array(world.rail.grid, np.uint16),
         starts=np.array(starts, np.int32),
         targets=np.array([next(iter(cells)) for cells in targets], np.int32),
-        max_steps=int(env._max_episode_steps),  # noqa: SLF001
+        max_steps=int(max_steps),
     )
 
 
@@ -65,14 +66,15 @@ def traffic_of(env: RailEnv) -> Traffic:
 
 
 def _malfunctions_of(env: RailEnv) -> Malfunctions | None:
-    effects: Any = env.effects_generator
+    world: Any = env
+    effects = world.effects_generator
     if type(effects) is not MalfunctionEffectsGenerator:
         raise UnsupportedEnvironmentError(f"effects of {type(effects).__name__}")
     generator = effects.malfunction_generator
     rate, shortest, longest = generator.get_process_data()
     if rate <= 0:
         return None
-    rng = generator_of(words_of(env.np_random))
+    rng = generator_of(words_of(world.np_random))
     if generator._cached_rand is None:  # noqa: SLF001  (it draws them at the first step)
         return Malfunctions.drawn(rate, shortest, longest, rng)
     broken = np.packbits(generator._cached_rand < generator._malfunction_prob)  # noqa: SLF001

@@ -126,6 +126,5 @@ def test_a_sample_of_environments_agrees():
 @pytest.mark.parametrize("seed", range(4))
 def test_many_environments_agree(seed: int):
     done = compare_until(seed, agent_steps=AGENT_STEPS // 4, most_trains=50, seconds=3600)
-    print(done)
     assert done.agent_steps >= AGENT_STEPS // 4
     assert len(done.kinds) == 4

@@ -8,7 +8,7 @@ Speeds and distances are fractions in flatland; here they are integers over `uni
 speeds of a world, which is exact.
 """
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,6 +136,7 @@ def enlarged(batch: Batch, cells: int, broken_bytes: int) -> Batch:
     """The same worlds with room for at least so many cells and malfunction draws."""
     slots, trains = batch.trains.shape
     larger = empty_batch(slots, trains, max(cells, batch.cells.shape[1]), max(broken_bytes, batch.broken.shape[1]))
-    for old, new in zip(batch, larger, strict=True):
+    pairs: Any = zip(batch, larger, strict=True)
+    for old, new in pairs:
         new[tuple(slice(length) for length in old.shape)] = old
     return larger

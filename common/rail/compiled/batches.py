@@ -3,16 +3,16 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from common.kernel import kernel
 from common.rail.compiled.arrays import DONE, WAYS, Batch
 from common.rail.compiled.decisions import decides
-from common.rail.compiled.kernel import kernel
 from common.rail.compiled.paths import lay_rails, measure
 from common.rail.compiled.step import start, step
 from common.rail.world import MOVE_FORWARD
 
 
 @kernel
-def load(  # one argument a piece of the level
+def load(
     batch: Batch,
     slot: int,
     grid: NDArray[np.uint16],
@@ -28,18 +28,9 @@ def load(  # one argument a piece of the level
 ) -> int:
     """Put a level into a slot; the first train whose target has no rails, or -1.
 
-    Args:
-        batch, slot: where to.
-        grid: [H, W] of flatland's transitions.
-        numbers: [H, W], the numbers of the cells, `count` in all.
-        count: see `numbers`.
-        starts: [N, 3], row, column, heading.
-        targets: [N, 3], row, column, headings that count as a bit each; 0 for all that the rails allow.
-        speeds: [N], full speeds in `unit`s.
-        departures: [N], the earliest times.
-        unit: the denominator of speeds.
-        max_steps: the step limit.
-        legacy: the rules of 2.2.2.
+    `numbers` [H, W] numbers the cells of `grid` [H, W], `count` in all. `starts` [N, 3] are row, column, heading;
+    `targets` [N, 3] row, column, and a bit for each heading that counts, 0 for all that the rails allow; `speeds` [N]
+    are in 1 / `unit` cells a step; `departures` [N] are times.
     """
     world = batch.worlds[slot]
     world["trains"] = len(starts)

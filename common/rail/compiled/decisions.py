@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from common.kernel import kernel
 from common.rail.compiled.arrays import (
     BROKEN,
     DECIDES,
@@ -20,7 +21,6 @@ from common.rail.compiled.arrays import (
     READY,
     STOPPED,
 )
-from common.rail.compiled.kernel import kernel
 
 ALWAYS: Final = 0
 LEGACY: Final = 1

@@ -5,8 +5,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from common.kernel import kernel
 from common.rail.compiled.arrays import NOWHERE, Batch
-from common.rail.compiled.kernel import kernel
 from common.rail.compiled.tree import STOCK, Sight, forecast, grow, standpoint
 from common.rail.normalise import DETOUR_CELLS, JOURNEY_CELLS, LONG_MALFUNCTION_STEPS, MANY_TRAINS, NEAR_CELLS
 
@@ -22,9 +22,7 @@ LEAST: Final = np.float32(-1)
 @kernel
 def clip(x: np.float32) -> np.float32:
     """Into [-1, 0]; nothing for what is no number."""
-    if x <= LEAST:
-        return LEAST
-    return x if x < NULL else NULL
+    return LEAST if x <= LEAST else x if x < NULL else NULL  # noqa: FURB136  (a comparison with NaN is false)
 
 
 @kernel

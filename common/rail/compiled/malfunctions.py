@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.rail.compiled.kernel import kernel
+from common.kernel import kernel
 
 DRAWS = 1_000_000
 KEY_WORDS = 624
@@ -64,26 +64,26 @@ def words_of(rng: np.random.RandomState) -> NDArray[np.uint32]:
 def generator_of(words: NDArray[np.uint32]) -> np.random.RandomState:
     """The generator with that state."""
     rng = np.random.RandomState()
-    rng.set_state(("MT19937", words[:KEY_WORDS], np.int64(words[KEY_WORDS])))
+    rng.set_state(("MT19937", words[:KEY_WORDS], int(words[KEY_WORDS]), 0, 0.0))
     return rng
 
 
 @kernel
 def next_word(words: NDArray[np.uint32]) -> int:
     """The next 32 bits of MT19937."""
-    position = np.int64(words[KEY_WORDS])
+    position: Any = np.int64(words[KEY_WORDS])  # numba would mix unsigned with signed to floats
     if position >= KEY_WORDS:
         for at in range(KEY_WORDS):
             bits = (np.int64(words[at]) & 0x80000000) | (np.int64(words[(at + 1) % KEY_WORDS]) & 0x7FFFFFFF)
             twisted = np.int64(words[(at + SHIFT_WORDS) % KEY_WORDS]) ^ (bits >> 1)
             words[at] = twisted ^ 0x9908B0DF if bits & 1 else twisted
         position = 0
-    y = np.int64(words[position])
+    y: Any = np.int64(words[position])
     words[KEY_WORDS] = position + 1
     y ^= y >> 11
     y ^= (y << 7) & 0x9D2C5680
     y ^= (y << 15) & 0xEFC60000
-    return y ^ (y >> 18)
+    return int(y ^ (y >> 18))
 
 
 @kernel

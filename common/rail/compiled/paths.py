@@ -7,6 +7,7 @@ breadth-first search a target, backwards from all its configurations.
 import numpy as np
 from numpy.typing import NDArray
 
+from common.kernel import kernel
 from common.rail.compiled.arrays import (
     DEAD_END,
     DECIDES,
@@ -21,7 +22,6 @@ from common.rail.compiled.arrays import (
     WAYS,
     Batch,
 )
-from common.rail.compiled.kernel import kernel
 
 DIAMOND_CROSSING = 0b1000010000100001  # flatland does not take it for a switch
 ROWS_OF_STEPS = np.array([-1, 0, 1, 0])

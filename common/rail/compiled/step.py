@@ -9,6 +9,7 @@ step that the last train arrives.
 import numpy as np
 from numpy.typing import NDArray
 
+from common.kernel import kernel
 from common.rail.compiled.arrays import (
     BROKEN,
     BROKEN_OFF_MAP,
@@ -25,7 +26,6 @@ from common.rail.compiled.arrays import (
     WAYS,
     Batch,
 )
-from common.rail.compiled.kernel import kernel
 from common.rail.compiled.malfunctions import DRAWS, duration
 from common.rail.world import DO_NOTHING, MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
 
@@ -106,9 +106,7 @@ def step(batch: Batch, slot: int, rewards: NDArray[np.float32], legacy: bool) ->
 
 
 @kernel
-def break_down(
-    world: np.void, trains: NDArray[np.void], broken: NDArray[np.uint8], words: NDArray[np.uint32]
-) -> None:
+def break_down(world: np.void, trains: NDArray[np.void], broken: NDArray[np.uint8], words: NDArray[np.uint32]) -> None:
     """Draw malfunctions for all trains, also those that cannot break (any more, or once more)."""
     draw = int(world["draw"])
     for at in range(len(trains)):
@@ -165,11 +163,8 @@ def intend(codes: NDArray[np.int16], leads: NDArray[np.int32], train: np.void, u
     elif state in (MOVING, STOPPED, BROKEN):
         want = here
         if not broken and train["distance"] + speed >= unit:
-            if state == MOVING:
-                goes = speed > 0 or not (action == STOP_MOVING or not valid)
-            else:
-                goes = moves and valid
-            if goes:
+            drives_on = state == MOVING and (speed > 0 or (valid and action != STOP_MOVING))
+            if drives_on or (state != MOVING and moves and valid):
                 want = to
     train["want"] = want
     train["next_speed"] = speed

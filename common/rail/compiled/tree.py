@@ -16,6 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from common.kernel import kernel
 from common.rail.compiled.arrays import (
     DEAD_END,
     DONE,
@@ -31,7 +32,6 @@ from common.rail.compiled.arrays import (
     WAYS,
     Batch,
 )
-from common.rail.compiled.kernel import kernel
 
 STOCK: Final = 0
 LEGACY: Final = 1
@@ -48,7 +48,7 @@ INFINITE: Final = np.float32(np.inf)
 
 def nodes_of(depth: int) -> int:
     """How many nodes a tree of a depth has."""
-    return (4 ** (depth + 1) - 1) // 3
+    return ((1 << 2 * depth + 2) - 1) // 3
 
 
 class Sight(NamedTuple):
@@ -166,7 +166,7 @@ def shortest_path(
 
 
 @kernel
-def meets(  # one argument a table
+def meets(
     codes: NDArray[np.int16],
     trains: NDArray[np.void],
     sight: Sight,
@@ -198,9 +198,7 @@ def meets(  # one argument a table
 
 
 @kernel
-def grow(
-    batch: Batch, slot: int, at: int, sight: Sight, mode: int, depth: int, nodes: NDArray[np.float32]
-) -> int:
+def grow(batch: Batch, slot: int, at: int, sight: Sight, mode: int, depth: int, nodes: NDArray[np.float32]) -> int:
     """Write the rows of a train's tree into [nodes, 12]; how many there are, which `sight.present` tells.
 
     The train must be visible; where conflicts are found, `forecast` comes first.
@@ -266,9 +264,9 @@ def grow(
                     opposite += 1
             if conflict < 0 and steps < predicted:
                 time = int(steps * time_per_cell)
-                if time < predicted and once[cell] >> np.uint64(time - 1) & AROUND:
-                    if meets(codes, trains, sight, n_trains, at, here, time, mode):
-                        conflict = steps
+                near_others = time < predicted and once[cell] >> np.uint64(time - 1) & AROUND != 0
+                if near_others and meets(codes, trains, sight, n_trains, at, here, time, mode):
+                    conflict = steps
             if marks & IS_TARGET:
                 if cell == own_target:
                     own = steps

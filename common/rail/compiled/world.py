@@ -45,7 +45,7 @@ class CompiledWorld:
         batch: the state, for those who look closer; a `load` may replace it by a larger one.
     """
 
-    def __init__(  # noqa: PLR0913  (each a choice of its own, with the study's as default)
+    def __init__(
         self,
         slots: int,
         max_trains: int,
@@ -149,7 +149,8 @@ class CompiledWorld:
         self._check_sight(slot, train)
         asking = np.zeros_like(self._deciding)
         asking[slot, train] = True
-        return self._look(asking)[0]
+        alone: NDArray[np.float32] = self._look(asking)[0]
+        return alone
 
     def step(self, actions: NDArray[np.int8]) -> NDArray[np.float32]:
         """As `World.step`."""
@@ -200,7 +201,8 @@ class CompiledWorld:
         rows = np.count_nonzero(asking)
         vectors = np.empty((rows, nodes_of(self._depth), N_NODE_FEATURES), np.float32)
         look(self.batch, self._sight, asking, self._tree, self._depth, vectors)
-        return vectors.reshape(rows, self.n_features)
+        flat: NDArray[np.float32] = vectors.reshape(rows, self.n_features)
+        return flat
 
     def _check_sight(self, slot: int, train: int) -> None:
         if train >= self.batch.worlds[slot]["trains"]:
