@@ -1,7 +1,8 @@
 """The one way in which functions are compiled.
 
 Numba keeps compiled code on disk, and makes it anew when the function's own file has changed; it does not see that a
-constant or a function from another file went into it. Here everything under the same package of `common` counts.
+constant or a function from another file went into it. Here everything under the same package of `common` counts
+(elsewhere, everything beside the file).
 """
 
 import hashlib
@@ -34,7 +35,10 @@ class _StampedByPackage:
     _py_file: str
 
     def get_source_stamp(self) -> bytes:
-        return _digest(HERE / Path(self._py_file).resolve().relative_to(HERE.resolve()).parts[0])
+        path = Path(self._py_file).resolve()
+        if HERE.resolve() not in path.parents:
+            return _digest(path.parent)
+        return _digest(HERE / path.relative_to(HERE.resolve()).parts[0])
 
 
 class GivenLocator(_StampedByPackage, caching.UserProvidedCacheLocator):

@@ -14,11 +14,11 @@ from flatland.envs.observations import TreeObsForRailEnv
 from flatland.envs.predictions import ShortestPathPredictorForRailEnv
 from flatland.envs.rail_env import RailEnv
 from flatland.envs.rail_generators import sparse_rail_generator
+from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
 from flatland.envs.step_utils.states import TrainState
 from flatland.envs.timetable_generators import timetable_generator
 from flatland.envs.timetable_utils import Timetable
 
-from common.levels.legacy import _forget_rails
 from common.rail.compiled.tree import nodes_of
 
 SPEEDS = (
@@ -67,7 +67,10 @@ def random_env(rng: np.random.RandomState, most_trains: int = 50) -> RailEnv:
 
 def forget() -> None:
     """Empty the library's caches, which keep every map."""
-    _forget_rails()
+    for owner in RailGridTransitionMap.__mro__:
+        for member in vars(owner).values():
+            if hasattr(member, "cache_clear"):
+                member.cache_clear()
 
 
 def trains_of(env: RailEnv) -> list[tuple[Any, ...]]:

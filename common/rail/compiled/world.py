@@ -140,13 +140,11 @@ class CompiledWorld:
         return self._seen
 
     def observe(self, slot: int, train: int) -> NDArray[np.float32]:
-        if self.batch.worlds[slot]["trains"] == 0:
-            raise ValueError(f"slot {slot} was never loaded")
+        self._check_sight(slot, train)
         if self._deciding[slot, train]:
             row = np.count_nonzero(self._deciding[:slot]) + np.count_nonzero(self._deciding[slot, :train])
             vector: NDArray[np.float32] = self.observe_deciding()[1][row].copy()
             return vector
-        self._check_sight(slot, train)
         asking = np.zeros_like(self._deciding)
         asking[slot, train] = True
         alone: NDArray[np.float32] = self._look(asking)[0]
@@ -205,7 +203,9 @@ class CompiledWorld:
         return flat
 
     def _check_sight(self, slot: int, train: int) -> None:
-        if train >= self.batch.worlds[slot]["trains"]:
+        if self.batch.worlds[slot]["trains"] == 0:
+            raise ValueError(f"slot {slot} was never loaded")
+        if not 0 <= train < self.batch.worlds[slot]["trains"]:
             raise ValueError(f"slot {slot} has no train {train}")
         if self._tree == tree_modes.LEGACY and self.batch.trains[slot, train]["state"] == DONE:
             raise ValueError(f"train {train} has arrived: it sees nothing")
