@@ -21,10 +21,10 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 @cache
 def _digest(package: Path) -> bytes:
-    """Of all sources in `package`."""
+    """Of all sources in `package`, and of this one."""
     state = hashlib.blake2b(digest_size=16)
-    for path in sorted(package.rglob("*.py")):
-        state.update(f"{path.relative_to(package)}/{path.stat().st_size}/".encode())
+    for path in [Path(__file__), *sorted(package.rglob("*.py"))]:
+        state.update(f"{path}/{path.stat().st_size}/".encode())
         state.update(path.read_bytes())
     return state.digest()
 
@@ -58,9 +58,22 @@ _LOCATORS = ",".join(f"{__name__}.{locator.__name__}" for locator in (GivenLocat
 
 def kernel(function: Function) -> Function:
     """Compile `function`, once a machine; exact arithmetic (no fastmath), one thread; `.py_func` is the original."""
+    return _compiled(function, counts_references=True)
+
+
+def bare_kernel(function: Function) -> Function:
+    """As `kernel`, for functions that make no arrays and keep none: who calls them holds what they work on.
+
+    Numba otherwise counts a reference for every array of every call, which takes longer than most kernels do.
+    """
+    return _compiled(function, counts_references=False)
+
+
+def _compiled(function: Function, *, counts_references: bool) -> Function:
     config: Any = numba.config
+    njit: Any = numba.njit  # whose types leave out the option that turns the counting off
     before, config.CACHE_LOCATOR_CLASSES = config.CACHE_LOCATOR_CLASSES, _LOCATORS
     try:
-        return cast("Function", numba.njit(cache=True, error_model="numpy")(function))
+        return cast("Function", njit(cache=True, error_model="numpy", _nrt=counts_references)(function))
     finally:
         config.CACHE_LOCATOR_CLASSES = before

@@ -38,10 +38,22 @@ def no_timetable(agents: list[Any], distance_map: Any, _hints: Any, np_random: A
 
 def random_env(rng: np.random.RandomState, most_trains: int = 50) -> RailEnv:
     """A new environment of any kind that the compiled world knows, reset."""
+    while True:
+        env = _drawn_env(rng, most_trains)
+        try:
+            env.reset()
+        except ValueError as error:
+            if "Cannot fit more than one city" not in str(error):
+                raise
+        else:
+            return env
+
+
+def _drawn_env(rng: np.random.RandomState, most_trains: int) -> RailEnv:
     side = int(rng.choice([20, 25, 30, 40, 60], p=[0.2, 0.35, 0.2, 0.15, 0.1]))
     trains = int(np.ceil(most_trains * rng.rand() ** 2.5)) if side > 25 else int(rng.randint(1, min(most_trains, 14)))
     breaks = rng.rand() < 0.5
-    env = RailEnv(
+    return RailEnv(
         side,
         side + int(rng.randint(0, 6)),
         rail_generator=sparse_rail_generator(
@@ -61,8 +73,6 @@ def random_env(rng: np.random.RandomState, most_trains: int = 50) -> RailEnv:
         else None,
         random_seed=int(rng.randint(1 << 30)),
     )
-    env.reset()
-    return env
 
 
 def forget() -> None:

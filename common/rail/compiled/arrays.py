@@ -21,17 +21,16 @@ UNREACHED: Final = 32767  # a distance that is infinite
 
 # What `codes` holds of a configuration, beside the ways out in bits 0 (north) to 3 (west).
 WAYS: Final = 15
-ONLY_WAY_SHIFT: Final = 4  # the single way out, if there is one, in bits 4 and 5
-SINGLE: Final = 1 << 6  # there is one way out
-DEAD_END: Final = 1 << 7  # and the cell has no other transition
-UNUSABLE: Final = 1 << 8  # a switch that joins: one way out, more than two transitions, not a diamond crossing
-LOOPS: Final = 1 << 9  # single ways lead from here in a circle
-PLAIN: Final = 1 << 10  # a single way out and nothing else to note
-DECIDES: Final = 1 << 11  # the `cells` rule of `common.rail.decisions`
-
-# What `marks` holds of a cell.
-IS_TARGET: Final = 1
-IS_OCCUPIED: Final = 2
+SINGLE: Final = 1 << 4  # there is one way out,
+AHEAD_SHIFT: Final = 16  # and from this bit on stands the configuration that it leads to
+DEAD_END: Final = 1 << 5  # and the cell has no other transition
+UNUSABLE: Final = 1 << 6  # a switch that joins: one way out, more than two transitions, not a diamond crossing
+LOOPS: Final = 1 << 7  # single ways lead from here in a circle
+PLAIN: Final = 1 << 8  # a single way out, and nothing else to note of the rails
+DECIDES: Final = 1 << 9  # the `cells` rule of `common.rail.decisions`
+IS_TARGET: Final = 1 << 10  # the cell is some train's target
+IS_OCCUPIED: Final = 1 << 11  # a train is in the cell
+NOTEWORTHY: Final = PLAIN | IS_TARGET | IS_OCCUPIED  # PLAIN alone if there is nothing to note at all
 
 WORLD: Final = np.dtype(
     [
@@ -86,7 +85,6 @@ CELL: Final = np.dtype(
         ("train", np.int16),  # that is on it, or NOTHING
         ("claim", np.int16),  # within a step: the lowest train that wants it, or NOTHING
         ("waiting", np.int16),  # trains that are to depart from it
-        ("marks", np.int16),
     ],
     align=True,
 )
@@ -99,7 +97,7 @@ class Batch(NamedTuple):
         worlds: [E] of WORLD.
         trains: [E, N] of TRAIN.
         cells: [E, C] of CELL.
-        codes: [E, 4C] int16, what the rails say of a configuration.
+        codes: [E, 4C] int32, what the rails say of a configuration, and who is there.
         leads: [E, 4C] int32, at `cell * 4 + way`: the configuration of a train that left the cell that way.
         distances: [E, N, 4C] int16, steps to the train's target.
         broken: [E, B] uint8, the malfunction draws, a bit each, the first in the highest bit.
@@ -109,7 +107,7 @@ class Batch(NamedTuple):
     worlds: NDArray[np.void]
     trains: NDArray[np.void]
     cells: NDArray[np.void]
-    codes: NDArray[np.int16]
+    codes: NDArray[np.int32]
     leads: NDArray[np.int32]
     distances: NDArray[np.int16]
     broken: NDArray[np.uint8]
@@ -122,7 +120,7 @@ def empty_batch(slots: int, trains: int, cells: int, broken_bytes: int) -> Batch
         worlds=np.zeros(slots, WORLD),
         trains=np.zeros((slots, trains), TRAIN),
         cells=np.zeros((slots, cells), CELL),
-        codes=np.zeros((slots, cells * 4), np.int16),
+        codes=np.zeros((slots, cells * 4), np.int32),
         leads=np.zeros((slots, cells * 4), np.int32),
         distances=np.zeros((slots, trains, cells * 4), np.int16),
         broken=np.zeros((slots, broken_bytes), np.uint8),

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import kernel
+from common.kernel import bare_kernel, kernel
 from common.rail.compiled.arrays import DONE, WAYS, Batch
 from common.rail.compiled.decisions import decides
 from common.rail.compiled.paths import lay_rails, measure
@@ -61,7 +61,7 @@ def load(
     return -1
 
 
-@kernel
+@bare_kernel
 def survey(
     batch: Batch,
     slot: int,
@@ -80,7 +80,7 @@ def survey(
         deciding[slot, at] = not world["over"] and decides(trains[at], codes, world["unit"], mode)
 
 
-@kernel
+@bare_kernel
 def step_all(
     batch: Batch,
     actions: NDArray[np.int8],

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import kernel
+from common.kernel import bare_kernel
 from common.rail.compiled.arrays import (
     BROKEN,
     DECIDES,
@@ -27,8 +27,8 @@ LEGACY: Final = 1
 CELLS: Final = 2
 
 
-@kernel
-def decides(train: np.void, codes: NDArray[np.int16], unit: int, mode: int) -> bool:
+@bare_kernel
+def decides(train: np.void, codes: NDArray[np.int32], unit: int, mode: int) -> bool:
     """Whether a train of a world must decide."""
     state = train["state"]
     if state == READY:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import kernel
+from common.kernel import bare_kernel
 
 DRAWS = 1_000_000
 KEY_WORDS = 624
@@ -68,7 +68,7 @@ def generator_of(words: NDArray[np.uint32]) -> np.random.RandomState:
     return rng
 
 
-@kernel
+@bare_kernel
 def next_word(words: NDArray[np.uint32]) -> int:
     """The next 32 bits of MT19937."""
     position: Any = np.int64(words[KEY_WORDS])  # numba would mix unsigned with signed to floats
@@ -86,7 +86,7 @@ def next_word(words: NDArray[np.uint32]) -> int:
     return int(y ^ (y >> 18))
 
 
-@kernel
+@bare_kernel
 def duration(words: NDArray[np.uint32], shortest: int, longest: int) -> int:
     """`RandomState.randint(shortest, longest + 1) + 1`: numpy masks and rejects."""
     span = longest - shortest

@@ -7,14 +7,14 @@ breadth-first search a target, backwards from all its configurations.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import kernel
+from common.kernel import bare_kernel, kernel
 from common.rail.compiled.arrays import (
+    AHEAD_SHIFT,
     DEAD_END,
     DECIDES,
     IS_TARGET,
     LOOPS,
     NOTHING,
-    ONLY_WAY_SHIFT,
     PLAIN,
     SINGLE,
     UNREACHED,
@@ -28,14 +28,14 @@ ROWS_OF_STEPS = np.array([-1, 0, 1, 0])
 COLUMNS_OF_STEPS = np.array([0, 1, 0, -1])
 
 
-@kernel
+@bare_kernel
 def ways_out(cell: int, heading: int) -> int:
     """The ways out of a cell of flatland's grid for a heading: bit 0 north to bit 3 west."""
     bits = cell >> (12 - 4 * heading) & 15
     return (bits & 1) << 3 | (bits & 2) << 1 | (bits & 4) >> 1 | bits >> 3
 
 
-@kernel
+@bare_kernel
 def count_bits(number: int) -> int:
     count = 0
     while number:
@@ -44,7 +44,7 @@ def count_bits(number: int) -> int:
     return count
 
 
-@kernel
+@bare_kernel
 def number_cells(
     grid: NDArray[np.uint16], starts: NDArray[np.int32], targets: NDArray[np.int32], numbers: NDArray[np.int32]
 ) -> int:
@@ -91,27 +91,31 @@ def lay_rails(batch: Batch, slot: int, grid: NDArray[np.uint16], numbers: NDArra
             cells[cell]["train"] = NOTHING
             cells[cell]["claim"] = NOTHING
             cells[cell]["waiting"] = 0
-            cells[cell]["marks"] = 0
             piece = int(grid[row, column])
             bits = 2 if piece == DIAMOND_CROSSING else count_bits(piece)
             for heading in range(4):
-                codes[cell * 4 + heading] = code_of(ways_out(piece, heading), bits)
                 to_row, to_column = row + ROWS_OF_STEPS[heading], column + COLUMNS_OF_STEPS[heading]
                 to = NOTHING
                 if 0 <= to_row < height and 0 <= to_column < width:
                     to = numbers[to_row, to_column]
                 leads[cell * 4 + heading] = NOTHING if to == NOTHING else to * 4 + heading
-    mark_loops(codes, leads, count * 4)
+            for heading in range(4):
+                codes[cell * 4 + heading] = code_of(ways_out(piece, heading), bits, leads[cell * 4 : cell * 4 + 4])
+    mark_loops(codes, count * 4)
     mark_decisions(codes, leads, grid, cells, count)
 
 
-@kernel
-def code_of(ways: int, bits: int) -> int:
-    """The code of a configuration with these ways out, in a cell of so many transitions; loops and decisions apart."""
+@bare_kernel
+def code_of(ways: int, bits: int, leads: NDArray[np.int32]) -> int:
+    """The code of a configuration with these ways out, in a cell of so many transitions, with these `leads` [4].
+
+    What depends on more than the cell is left out.
+    """
     exits = count_bits(ways)
     code = ways
     if exits == 1:
-        code |= SINGLE | (0 if ways == 1 else 1 if ways == 2 else 2 if ways == 4 else 3) << ONLY_WAY_SHIFT
+        way = 0 if ways == 1 else 1 if ways == 2 else 2 if ways == 4 else 3
+        code |= SINGLE | int(leads[way]) << AHEAD_SHIFT
         if bits == 1:
             code |= DEAD_END
     if exits < 2 < bits:
@@ -122,24 +126,24 @@ def code_of(ways: int, bits: int) -> int:
 
 
 @kernel
-def mark_loops(codes: NDArray[np.int16], leads: NDArray[np.int32], count: int) -> None:
+def mark_loops(codes: NDArray[np.int32], count: int) -> None:
     """Mark configurations from which single ways lead in a circle; such a place is not PLAIN."""
     stamps = np.zeros(count, np.int32)
     for start in range(count):
         here, stamp = start, start + 1
         while stamps[here] == 0 and codes[here] & SINGLE and not codes[here] & DEAD_END:
             stamps[here] = stamp
-            here = leads[(here & ~3) + (codes[here] >> ONLY_WAY_SHIFT & 3)]
+            here = codes[here] >> AHEAD_SHIFT
         if stamps[here] == stamp or codes[here] & LOOPS:
             here = start
             while codes[here] & SINGLE and not codes[here] & (DEAD_END | LOOPS):
                 codes[here] = (codes[here] | LOOPS) & ~PLAIN
-                here = leads[(here & ~3) + (codes[here] >> ONLY_WAY_SHIFT & 3)]
+                here = codes[here] >> AHEAD_SHIFT
 
 
-@kernel
+@bare_kernel
 def mark_decisions(
-    codes: NDArray[np.int16],
+    codes: NDArray[np.int32],
     leads: NDArray[np.int32],
     grid: NDArray[np.uint16],
     cells: NDArray[np.void],
@@ -159,13 +163,14 @@ def mark_decisions(
 @kernel
 def measure(batch: Batch, slot: int) -> None:
     """Fill `distances` of a slot, and mark the targets, once its trains have got theirs."""
-    codes, leads, cells = batch.codes[slot], batch.leads[slot], batch.cells[slot]
+    codes, leads = batch.codes[slot], batch.leads[slot]
     trains, distances = batch.trains[slot], batch.distances[slot]
     count = batch.worlds[slot]["cells"]
     queue = np.empty(count * 4, np.int32)
     for train in range(batch.worlds[slot]["trains"]):
         target, ways = trains[train]["target"], trains[train]["target_ways"]
-        cells[target]["marks"] |= IS_TARGET
+        for here in range(target * 4, target * 4 + 4):
+            codes[here] |= IS_TARGET
         distance = distances[train]
         known = False
         for other in range(train):

@@ -9,8 +9,9 @@ step that the last train arrives.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import kernel
+from common.kernel import bare_kernel
 from common.rail.compiled.arrays import (
+    AHEAD_SHIFT,
     BROKEN,
     BROKEN_OFF_MAP,
     DONE,
@@ -18,7 +19,6 @@ from common.rail.compiled.arrays import (
     MOVING,
     NOTHING,
     NOWHERE,
-    ONLY_WAY_SHIFT,
     READY,
     SINGLE,
     STOPPED,
@@ -32,14 +32,14 @@ from common.rail.world import DO_NOTHING, MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, S
 UNKNOWN, PASSES, STAYS = range(3)
 
 
-@kernel
-def leave(codes: NDArray[np.int16], leads: NDArray[np.int32], here: int, action: int) -> int:
+@bare_kernel
+def leave(codes: NDArray[np.int32], leads: NDArray[np.int32], here: int, action: int) -> int:
     """The configuration that an action leads to, NOTHING if the action is none here."""
     code = int(codes[here])
     heading = here & 3
     way = heading
     if code & SINGLE:
-        way = code >> ONLY_WAY_SHIFT & 3
+        way = code >> AHEAD_SHIFT & 3  # a train faces the way that it came
     elif action == MOVE_LEFT and code >> ((heading + 3) & 3) & 1:
         way = (heading + 3) & 3
     elif action == MOVE_RIGHT and code >> ((heading + 1) & 3) & 1:
@@ -50,7 +50,7 @@ def leave(codes: NDArray[np.int16], leads: NDArray[np.int32], here: int, action:
     return to if codes[to] & WAYS else NOTHING
 
 
-@kernel
+@bare_kernel
 def start(batch: Batch, slot: int, legacy: bool) -> None:
     """Put the trains of a slot where an episode begins."""
     world, cells = batch.worlds[slot], batch.cells[slot]
@@ -72,7 +72,7 @@ def start(batch: Batch, slot: int, legacy: bool) -> None:
         cells[train["start"] >> 2]["waiting"] += 1
 
 
-@kernel
+@bare_kernel
 def step(batch: Batch, slot: int, rewards: NDArray[np.float32], legacy: bool) -> None:
     """One step of a world that is not over, with the actions that its trains hold; fills `rewards`, [N]."""
     world, cells = batch.worlds[slot], batch.cells[slot]
@@ -91,7 +91,7 @@ def step(batch: Batch, slot: int, rewards: NDArray[np.float32], legacy: bool) ->
     for at in range(len(trains)):
         act(trains[at], unit, time)
         all_arrived = all_arrived and trains[at]["state"] == DONE
-    settle(trains, cells, time)
+    settle(codes, trains, cells, time)
     over = all_arrived or time >= world["max_steps"]
     world["all_arrived"] = all_arrived
     world["over"] = over
@@ -105,7 +105,7 @@ def step(batch: Batch, slot: int, rewards: NDArray[np.float32], legacy: bool) ->
             train["committed"] = train["action"] if blocked else NOTHING
 
 
-@kernel
+@bare_kernel
 def break_down(world: np.void, trains: NDArray[np.void], broken: NDArray[np.uint8], words: NDArray[np.uint32]) -> None:
     """Draw malfunctions for all trains, also those that cannot break (any more, or once more)."""
     draw = int(world["draw"])
@@ -120,8 +120,8 @@ def break_down(world: np.void, trains: NDArray[np.void], broken: NDArray[np.uint
     world["draw"] = draw
 
 
-@kernel
-def remember(codes: NDArray[np.int16], leads: NDArray[np.int32], train: np.void) -> None:
+@bare_kernel
+def remember(codes: NDArray[np.int32], leads: NDArray[np.int32], train: np.void) -> None:
     """Replace a train's action by what 4.3.0 must be told to do as 2.2.2 does; note whether the train is driving."""
     here = int(train["config"])
     if here == NOWHERE:
@@ -135,8 +135,8 @@ def remember(codes: NDArray[np.int16], leads: NDArray[np.int32], train: np.void)
     train["driving"] = action != STOP_MOVING and leave(codes, leads, here, action) != NOTHING
 
 
-@kernel
-def intend(codes: NDArray[np.int16], leads: NDArray[np.int32], train: np.void, unit: int, time: int) -> None:
+@bare_kernel
+def intend(codes: NDArray[np.int32], leads: NDArray[np.int32], train: np.void, unit: int, time: int) -> None:
     """Where a train wants to be after this step, and how fast, if nobody hinders it."""
     state, action, broken = train["state"], train["action"], train["malfunction"] > 0
     config = int(train["config"])
@@ -171,7 +171,7 @@ def intend(codes: NDArray[np.int16], leads: NDArray[np.int32], train: np.void, u
     train["valid"] = valid
 
 
-@kernel
+@bare_kernel
 def resolve(trains: NDArray[np.void], cells: NDArray[np.void]) -> None:
     """Who may go where it wants to: the lowest train, if it swaps with nobody and who is there goes on itself."""
     for at in range(len(trains)):
@@ -211,7 +211,7 @@ def resolve(trains: NDArray[np.void], cells: NDArray[np.void]) -> None:
             cells[trains[at]["want"] >> 2]["claim"] = NOTHING
 
 
-@kernel
+@bare_kernel
 def act(train: np.void, unit: int, time: int) -> None:
     """The state machine of a train, then its position, speed and malfunction."""
     state, action, broken = int(train["state"]), train["action"], train["malfunction"] > 0
@@ -259,16 +259,20 @@ def act(train: np.void, unit: int, time: int) -> None:
         train["malfunction"] -= 1
 
 
-@kernel
-def settle(trains: NDArray[np.void], cells: NDArray[np.void], time: int) -> None:
-    """Note in the cells who is where now."""
+@bare_kernel
+def settle(codes: NDArray[np.int32], trains: NDArray[np.void], cells: NDArray[np.void], time: int) -> None:
+    """Note in the cells, and the codes, who is where now."""
     for at in range(len(trains)):
         if trains[at]["before"] != NOWHERE:
-            cells[trains[at]["before"] >> 2]["train"] = NOTHING
-            cells[trains[at]["before"] >> 2]["marks"] &= ~IS_OCCUPIED
+            cell = trains[at]["before"] >> 2
+            cells[cell]["train"] = NOTHING
+            for here in range(cell * 4, cell * 4 + 4):
+                codes[here] &= ~IS_OCCUPIED
         elif trains[at]["config"] != NOWHERE or trains[at]["arrived_at"] == time:
             cells[trains[at]["start"] >> 2]["waiting"] -= 1
     for at in range(len(trains)):
         if trains[at]["config"] != NOWHERE:
-            cells[trains[at]["config"] >> 2]["train"] = at
-            cells[trains[at]["config"] >> 2]["marks"] |= IS_OCCUPIED
+            cell = trains[at]["config"] >> 2
+            cells[cell]["train"] = at
+            for here in range(cell * 4, cell * 4 + 4):
+                codes[here] |= IS_OCCUPIED

@@ -16,15 +16,16 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import kernel
+from common.kernel import bare_kernel
 from common.rail.compiled.arrays import (
+    AHEAD_SHIFT,
     DEAD_END,
     DONE,
     IS_OCCUPIED,
     IS_TARGET,
     LOOPS,
+    NOTEWORTHY,
     NOWHERE,
-    ONLY_WAY_SHIFT,
     PLAIN,
     SINGLE,
     UNREACHED,
@@ -87,7 +88,7 @@ def sight_of(batch: Batch, depth: int, predicted_steps: int) -> Sight:
     )
 
 
-@kernel
+@bare_kernel
 def standpoint(train: np.void, mode: int) -> int:
     """The configuration from which a train looks: where it is, will depart from, or arrived; NOWHERE if invisible."""
     if train["config"] != NOWHERE:
@@ -97,7 +98,7 @@ def standpoint(train: np.void, mode: int) -> int:
     return NOWHERE if mode == LEGACY else int(train["finish"])
 
 
-@kernel
+@bare_kernel
 def forecast(batch: Batch, slot: int, sight: Sight, mode: int) -> None:
     """Where all trains of a world will be, if each keeps to its shortest path and nobody hinders it."""
     codes, leads, trains = batch.codes[slot], batch.leads[slot], batch.trains[slot]
@@ -130,9 +131,9 @@ def forecast(batch: Batch, slot: int, sight: Sight, mode: int) -> None:
             begin = end
 
 
-@kernel
+@bare_kernel
 def shortest_path(
-    codes: NDArray[np.int16], leads: NDArray[np.int32], distances: NDArray[np.int16], here: int, path: NDArray[np.int32]
+    codes: NDArray[np.int32], leads: NDArray[np.int32], distances: NDArray[np.int16], here: int, path: NDArray[np.int32]
 ) -> int:
     """Fill `path` with the configurations after `here`; how many.
 
@@ -146,7 +147,7 @@ def shortest_path(
         code = int(codes[here])
         ahead = NOWHERE
         if code & SINGLE:
-            ahead = int(leads[(here & ~3) + (code >> ONLY_WAY_SHIFT & 3)])
+            ahead = code >> AHEAD_SHIFT
             if distances[ahead] >= best:
                 return 0
             best = int(distances[ahead])
@@ -165,9 +166,9 @@ def shortest_path(
     return length - 1 if length == most else length
 
 
-@kernel
+@bare_kernel
 def meets(
-    codes: NDArray[np.int16],
+    codes: NDArray[np.int32],
     trains: NDArray[np.void],
     sight: Sight,
     n_trains: int,
@@ -197,7 +198,7 @@ def meets(
     return False
 
 
-@kernel
+@bare_kernel
 def grow(batch: Batch, slot: int, at: int, sight: Sight, mode: int, depth: int, nodes: NDArray[np.float32]) -> int:
     """Write the rows of a train's tree into [nodes, 12]; how many there are, which `sight.present` tells.
 
@@ -227,7 +228,7 @@ def grow(batch: Batch, slot: int, at: int, sight: Sight, mode: int, depth: int, 
     for _ in range(depth - 1):
         size = 1 + 4 * size
     code = int(codes[here])
-    facing = code >> ONLY_WAY_SHIFT if code & SINGLE else here
+    facing = code >> AHEAD_SHIFT if code & SINGLE else here
     waiting = 0
     for turn in range(4):
         way = (facing + turn + 3) & 3
@@ -247,36 +248,37 @@ def grow(batch: Batch, slot: int, at: int, sight: Sight, mode: int, depth: int, 
         ends = False
         stamps[-1] += 1
         stamp = stamps[-1]
+        horizon = predicted
         while True:
-            cell = here >> 2
             code = int(codes[here])
-            marks = cells[cell]["marks"]
-            if marks & IS_OCCUPIED:
-                met = trains[cells[cell]["train"]]
+            if steps < horizon:
+                time = int(steps * time_per_cell)
+                near_others = time < predicted and once[here >> 2] >> np.uint64(time - 1) & AROUND != 0
+                if near_others and meets(codes, trains, sight, n_trains, at, here, time, mode):
+                    conflict = steps
+                    horizon = 0
+            if code & NOTEWORTHY == PLAIN:
+                here = code >> AHEAD_SHIFT
+                steps += 1
+                continue
+            if code & IS_OCCUPIED:
+                cell = cells[here >> 2]
+                met = trains[cell["train"]]
                 if near < 0:
                     near = steps
                 longest = max(longest, int(met["malfunction"]))
-                ready += cells[cell]["waiting"]
+                ready += cell["waiting"]
                 if (met["config"] ^ here) & 3 == 0:
                     same += 1
                     slowest = min(slowest, met["full_speed"] if mode == LEGACY else met["speed"])
                 else:
                     opposite += 1
-            if conflict < 0 and steps < predicted:
-                time = int(steps * time_per_cell)
-                near_others = time < predicted and once[cell] >> np.uint64(time - 1) & AROUND != 0
-                if near_others and meets(codes, trains, sight, n_trains, at, here, time, mode):
-                    conflict = steps
-            if marks & IS_TARGET:
-                if cell == own_target:
+            if code & IS_TARGET:
+                if here >> 2 == own_target:
                     own = steps
                     break
                 if other < 0:
                     other = steps
-            if code & PLAIN:
-                here = leads[(here & ~3) + (code >> ONLY_WAY_SHIFT & 3)]
-                steps += 1
-                continue
             if code & LOOPS:
                 if stamps[here] == stamp:
                     ends = True
@@ -289,7 +291,7 @@ def grow(batch: Batch, slot: int, at: int, sight: Sight, mode: int, depth: int, 
                 break
             if code & DEAD_END:
                 break
-            here = leads[(here & ~3) + (code >> ONLY_WAY_SHIFT & 3)]
+            here = code >> AHEAD_SHIFT
             steps += 1
         nodes[node, 0] = own if own >= 0 else INFINITE
         nodes[node, 1] = other if other >= 0 else INFINITE

@@ -158,10 +158,10 @@ class CompiledWorld:
         """As `step`, but the actions of all trains count, as in flatland."""
         return self._step(actions, obey=True)
 
-    def trees(self) -> NDArray[np.float32]:
-        """[E, N, nodes, 12]: the raw trees of all trains; NaN where there is no node, or nothing is seen."""
-        nodes = nodes_of(self._depth)
-        trees = np.full((self.slots, self.max_trains, nodes, N_NODE_FEATURES), np.nan, np.float32)
+    def trees(self, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
+        """[E, N, nodes, 12]: the raw trees of all trains, in `out` if given; NaN where there is no node or no sight."""
+        shape = self.slots, self.max_trains, nodes_of(self._depth), N_NODE_FEATURES
+        trees = np.empty(shape, np.float32) if out is None else out
         look_at_all(self.batch, self._sight, self._tree, self._depth, trees)
         return trees
 

@@ -6,10 +6,11 @@ import sys
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 
 from common import kernel as kernel_module
-from common.kernel import kernel
+from common.kernel import bare_kernel, kernel
 
 ONE = "from common.kernel import kernel\n\n\n@kernel\ndef one() -> int:\n    return 1\n"
 TWO = ONE.replace("def one() -> int:\n    return 1", "def two() -> int:\n    return one() + 1").replace(
@@ -34,6 +35,20 @@ def test_code_follows_a_function_of_another_file(tmp_path: Path):
     assert run_in(tmp_path) == ["2", "1"]
     (tiny / "one.py").write_text(ONE.replace("return 1", "return 5"))
     assert run_in(tmp_path) == ["6", "0"]
+
+
+def test_a_bare_kernel_makes_no_arrays():
+    assert bare_kernel(_sum_of)(np.ones(3)) == 3
+    with pytest.raises(numba.core.errors.NumbaError, match="array"):
+        bare_kernel(_ones)(3)
+
+
+def _sum_of(numbers: np.ndarray) -> float:
+    return numbers.sum()
+
+
+def _ones(count: int) -> np.ndarray:
+    return np.ones(count)
 
 
 def test_numbas_own_setting_is_put_back(monkeypatch: pytest.MonkeyPatch):
