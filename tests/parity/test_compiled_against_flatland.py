@@ -9,7 +9,7 @@ import pytest
 from flatland.envs.rail_env import RailEnv
 from flatland_oracle import ACTION_MIXES, TreeOracle, forget, random_env, trains_of
 
-from common.rail.compiled.arrays import NOWHERE
+from common.rail.compiled.arrays import BROKEN, MOVING, NOWHERE, STOPPED
 from common.rail.compiled.decisions import ALWAYS, decides
 from common.rail.compiled.looking import look_at_all
 from common.rail.compiled.tree import LEGACY, N_NODE_FEATURES, REPAIRED, STOCK, nodes_of, sight_of
@@ -26,6 +26,9 @@ class Comparison:
     """What was compared so far."""
 
     agent_steps: int = 0
+    on_map: int = 0
+    broken: int = 0
+    arrivals: int = 0
     trees: int = 0
     nodes: int = 0
     finite_conflicts: int = 0
@@ -79,18 +82,21 @@ def compare_episodes(rng: np.random.RandomState, world: CompiledWorld, envs: lis
         oracles.append(TreeOracle(env, depth, predicted_steps))
         done.kinds.add((traffic.malfunctions is not None, len(set(traffic.speeds)) > 1))
     actions = np.zeros((world.slots, world.max_trains), np.int8)
-    for step in range(MOST_STEPS):
+    for step in range(MOST_STEPS + 1):
         stock = trees_in(world, STOCK, depth, predicted_steps)
         repaired = trees_in(world, REPAIRED, depth, predicted_steps)
         legacy = trees_in(world, LEGACY, depth, predicted_steps)
         for slot, (env, oracle) in enumerate(zip(envs, oracles, strict=True)):
-            assert trains_in(world, slot) == trains_of(env)
+            theirs = trains_of(env)
+            assert trains_in(world, slot) == theirs
+            done.on_map += sum(state in (MOVING, STOPPED, BROKEN) for state, *_ in theirs)
+            done.broken += sum(state == BROKEN for state, *_ in theirs)
             compare_trees(stock[slot], oracle.stock(predicting=step % 16 == 0), done)
             if step % 8 == slot:
                 compare_trees(repaired[slot], oracle.repaired(), done)
                 compare_trees(legacy[slot], oracle.legacy(), done)
         running = [env for env in envs if not env.dones["__all__"]]
-        if not running:
+        if not running or step == MOST_STEPS:
             break
         actions[:] = rng.choice(5, p=mix, size=actions.shape)
         world.obey(actions)
@@ -99,6 +105,7 @@ def compare_episodes(rng: np.random.RandomState, world: CompiledWorld, envs: lis
                 env.step(dict(enumerate(actions[slot, : len(env.agents)].tolist())))
                 done.agent_steps += len(env.agents)
             assert world.over()[slot] == env.dones["__all__"]
+    done.arrivals += int(world.arrived().sum())
 
 
 def compare_until(seed: int, *, agent_steps: int, most_trains: int, seconds: float) -> Comparison:
@@ -116,9 +123,9 @@ def compare_until(seed: int, *, agent_steps: int, most_trains: int, seconds: flo
 
 
 def test_a_sample_of_environments_agrees():
-    done = compare_until(5, agent_steps=4_000, most_trains=12, seconds=30)
+    done = compare_until(5, agent_steps=8_000, most_trains=12, seconds=30)
     assert done.agent_steps > 1000
-    assert done.finite_conflicts > 0
+    assert min(done.on_map, done.arrivals, done.finite_conflicts) > 0
 
 
 @pytest.mark.slow
@@ -128,3 +135,4 @@ def test_many_environments_agree(seed: int):
     done = compare_until(seed, agent_steps=AGENT_STEPS // 4, most_trains=50, seconds=3600)
     assert done.agent_steps >= AGENT_STEPS // 4
     assert len(done.kinds) == 4
+    assert min(done.on_map, done.broken, done.arrivals, done.finite_conflicts) > 100

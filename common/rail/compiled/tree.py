@@ -8,6 +8,8 @@ Source: `TreeObsForRailEnv` and `ShortestPathPredictorForRailEnv` of flatland-rl
 | LEGACY | 2.2.2: conflicts are found, trains that have arrived are invisible, speeds are constant |
 | REPAIRED | 4.3.0 with conflicts found; it counts arrived trains as standing where they arrived |
 
+Cells are told apart on all grids; where a grid is taller than wide, flatland's conflicts confuse some of them.
+
 A tree of depth d has 1 + 4 + ... + 4^d nodes: root, left, forward, right, back, each followed by its own, pre-order.
 """
 

@@ -101,6 +101,7 @@ class CompiledWorld:
         self._make_room(count, traffic.malfunctions)
         self._take(slot, traffic.malfunctions)
         self._over[slot] = self.batch.worlds[slot]["over"] = True
+        self._deciding[slot] = self._arrived[slot] = False
         astray = load(
             self.batch,
             slot,
@@ -162,6 +163,8 @@ class CompiledWorld:
         """[E, N, nodes, 12]: the raw trees of all trains, in `out` if given; NaN where there is no node or no sight."""
         shape = self.slots, self.max_trains, nodes_of(self._depth), N_NODE_FEATURES
         trees = np.empty(shape, np.float32) if out is None else out
+        if trees.shape != shape or trees.dtype != np.float32 or not trees.flags.c_contiguous:
+            raise ValueError(f"trees need a contiguous float32 array of shape {shape}")
         look_at_all(self.batch, self._sight, self._tree, self._depth, trees)
         return trees
 
@@ -179,10 +182,12 @@ class CompiledWorld:
         )
 
     def _step(self, actions: NDArray[np.int8], *, obey: bool) -> NDArray[np.float32]:
+        if actions.shape != self._deciding.shape:
+            raise ValueError(f"actions of shape {actions.shape} for {self.slots} slots of {self.max_trains} trains")
         rewards = np.empty((self.slots, self.max_trains), np.float32)
         step_all(
             self.batch,
-            actions,
+            np.ascontiguousarray(actions, np.int8),
             rewards,
             self._deciding,
             self._arrived,

@@ -73,6 +73,23 @@ def test_observations_do_not_change_later():
     np.testing.assert_array_equal(vectors, kept[1])
 
 
+def test_arrays_of_another_shape_are_refused():
+    world = CompiledWorld(2, 3)
+    with pytest.raises(ValueError, match=r"shape \(2, 2\) for 2 slots of 3 trains"):
+        world.step(np.zeros((2, 2), np.int8))
+    with pytest.raises(ValueError, match="contiguous float32 array"):
+        world.trees(out=np.zeros((2, 3, 5, 12), np.float32))
+
+
+def test_a_refused_level_leaves_the_slot_over():
+    world = CompiledWorld(1, 3)
+    world.load(0, played.LEVEL)
+    with pytest.raises(ValueError, match="no train can stand"):
+        world.load(0, Level(played.LEVEL.grid, played.LEVEL.starts, np.zeros((3, 2), np.int32), 20))
+    assert world.over()[0]
+    assert not world.deciding().any()
+
+
 def test_nothing_loaded_is_over_and_cannot_be_seen():
     world = CompiledWorld(2, 3)
     assert world.over().all()
