@@ -5,9 +5,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from common.kernel import kernel
 from common.policy.choosing import best, draw_counter, epsilon_greedy, log_probability, softmax_sample
 from common.policy.packing import ACTOR_CRITIC, Arrays, Layout
 from common.policy.twin import forward
@@ -27,7 +27,7 @@ class Choices(NamedTuple):
     log_probabilities: NDArray[np.float32]
 
 
-@njit(cache=True)
+@kernel
 def choose_rows(
     header: NDArray[np.int64],
     outputs: NDArray[np.float32],
