@@ -4,11 +4,17 @@ A bank is a folder of immutable chunks (see `common.levels.chunks`), a subfolder
 files, so a reader needs no lock; it sees what was there when it looked (`refresh` looks again).
 """
 
+import os
 from pathlib import Path
 
 from common.config import DIFFICULTIES, Difficulty
 from common.levels.chunks import SUFFIX, Chunk
 from common.levels.level import Level
+
+
+def bank_root(runs: Path) -> Path:
+    """Where the bank lies that all runs in a folder share: $RAILCTL_LEVELS, or `.levels` in that folder."""
+    return Path(os.environ.get("RAILCTL_LEVELS") or runs / ".levels")
 
 
 class LevelBank:
@@ -46,6 +52,10 @@ class LevelBank:
         """
         place = self._places[difficulty].get(seed)
         return None if place is None else place[0].level(place[1])
+
+    def chunks(self) -> list[Chunk]:
+        """All chunks, difficulty by difficulty."""
+        return list(self._chunks.values())
 
     def seeds(self, difficulty: Difficulty) -> frozenset[int]:
         """The seeds whose levels are here."""

@@ -93,6 +93,7 @@ class Chunk:
             BankError: it is no whole chunk of this difficulty, format and generator.
         """
         self.path = path
+        self.difficulty = difficulty
         header = _header(path)
         want = {"format": FORMAT, "generator": GENERATOR, "difficulty": difficulty}
         for key, value in want.items():
