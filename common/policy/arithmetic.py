@@ -11,7 +11,7 @@ Method: shrink the argument by a power of two until few terms of the Taylor seri
 
 import numpy as np
 
-from common.kernel import kernel
+from common.kernel import bare_kernel
 
 Real = float | np.float64  # compiled, `float` of a float32 would stay one
 LARGEST_EXPONENT = 104.0  # beyond, exp is zero or infinite in float32
@@ -19,7 +19,7 @@ LARGEST_TANH = 20.0  # beyond, tanh is one in float32 and in float64
 LARGEST_REDUCED = 1.5  # the logarithm's series is used between 1/1.5 and 1.5
 
 
-@kernel
+@bare_kernel
 def series_expm1(t: Real) -> Real:
     """exp(t) - 1 for |t| below 0.5, to 1e-14 relative."""
     term = 1.0 + t * (1.0 / 12.0)
@@ -36,7 +36,7 @@ def series_expm1(t: Real) -> Real:
     return t * term
 
 
-@kernel
+@bare_kernel
 def exp(x: Real) -> Real:
     """e^x; arguments beyond +-104 count as +-104."""
     bounded = min(max(x, -LARGEST_EXPONENT), LARGEST_EXPONENT)
@@ -46,7 +46,7 @@ def exp(x: Real) -> Real:
     return power
 
 
-@kernel
+@bare_kernel
 def tanh(x: Real) -> Real:
     """The hyperbolic tangent; relative precision near zero too."""
     doubled = 2.0 * min(max(x, -LARGEST_TANH), LARGEST_TANH)
@@ -56,14 +56,14 @@ def tanh(x: Real) -> Real:
     return below / (below + 2.0)
 
 
-@kernel
+@bare_kernel
 def sigmoid(x: Real) -> Real:
     """1 / (1 + e^-x)."""
     power = exp(x)
     return power / (1.0 + power)
 
 
-@kernel
+@bare_kernel
 def log(x: Real) -> Real:
     """The natural logarithm of a positive number, as `k log 2 + 2 artanh((m - 1) / (m + 1))` with x = m 2^k."""
     exponent = 0.0

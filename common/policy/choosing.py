@@ -7,7 +7,7 @@ equally good actions the lowest is taken.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import kernel
+from common.kernel import bare_kernel
 from common.policy.arithmetic import Real, exp, log
 from common.policy.streams import uniform
 
@@ -23,7 +23,7 @@ def draw_counter(step: int, n_trains: int, train: int) -> int:
     return 2 * (step * n_trains + train)
 
 
-@kernel
+@bare_kernel
 def best(values: NDArray[np.float32]) -> int:
     """The index of the largest of values [A], the lowest of equals."""
     action = 0
@@ -33,7 +33,7 @@ def best(values: NDArray[np.float32]) -> int:
     return action
 
 
-@kernel
+@bare_kernel
 def epsilon_greedy(values: NDArray[np.float32], epsilon: float, key: np.uint64, counter: np.uint64) -> int:
     """The best of values [A], or with probability `epsilon` any action."""
     if uniform(key, counter) < epsilon:
@@ -41,7 +41,7 @@ def epsilon_greedy(values: NDArray[np.float32], epsilon: float, key: np.uint64, 
     return best(values)
 
 
-@kernel
+@bare_kernel
 def softmax_sample(logits: NDArray[np.float32], key: np.uint64, counter: np.uint64) -> int:
     """An action with the probability that softmax gives it; only the first draw of the decision is used.
 
@@ -63,7 +63,7 @@ def softmax_sample(logits: NDArray[np.float32], key: np.uint64, counter: np.uint
     return len(logits) - 1
 
 
-@kernel
+@bare_kernel
 def log_probability(logits: NDArray[np.float32], action: int) -> float:
     """The logarithm of the probability that softmax of logits [A] gives to an action."""
     top = np.float64(logits[best(logits)])

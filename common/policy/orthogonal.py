@@ -9,7 +9,7 @@ diagonal factors are positive, the matrices are uniformly distributed over the o
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import kernel
+from common.kernel import bare_kernel
 from common.policy.streams import normals
 
 
@@ -22,7 +22,7 @@ def orthogonal(n_out: int, n_in: int, gain: float, key: int) -> NDArray[np.float
     return np.ascontiguousarray(gain * matrix, dtype=np.float32)
 
 
-@kernel
+@bare_kernel
 def orthonormalise(vectors: NDArray[np.float64]) -> None:
     """Make the rows of vectors [n, m], n <= m, orthonormal in place, from the first to the last."""
     count, length = vectors.shape

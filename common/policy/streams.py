@@ -7,7 +7,7 @@ callers convert first.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import kernel
+from common.kernel import bare_kernel
 from common.policy.arithmetic import log
 from common.seeding import GAMMA
 
@@ -18,7 +18,7 @@ _ONE, _11, _27, _30, _31 = np.uint64(1), np.uint64(11), np.uint64(27), np.uint64
 _TO_UNIT = 2.0**-53
 
 
-@kernel
+@bare_kernel
 def bits(key: np.uint64, counter: np.uint64) -> np.uint64:
     """Draw `counter` of stream `key`: 64 random bits, as `seeding.bits`."""
     z = key + (counter + _ONE) * _GAMMA
@@ -27,13 +27,13 @@ def bits(key: np.uint64, counter: np.uint64) -> np.uint64:
     return z ^ (z >> _31)
 
 
-@kernel
+@bare_kernel
 def uniform(key: np.uint64, counter: np.uint64) -> float:
     """Draw `counter` of stream `key` as a float64 in [0, 1), as `seeding.uniform`."""
     return float(bits(key, counter) >> _11) * _TO_UNIT
 
 
-@kernel
+@bare_kernel
 def normals(key: np.uint64, out: NDArray[np.float64]) -> None:
     """Fill `out` [n] with the standard normal variates of stream `key`.
 

@@ -17,7 +17,7 @@ layer returns where it ends.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import kernel
+from common.kernel import bare_kernel, kernel
 from common.policy.arithmetic import sigmoid, tanh
 from common.policy.packing import ACTOR_CRITIC, BLOCK, GATES, HEADER_WIDTHS, PLAIN, RECURRENT
 
@@ -26,7 +26,7 @@ _Ints = NDArray[np.int64]
 _ZERO = np.float32(0)
 
 
-@kernel
+@bare_kernel
 def workspace_size(header: _Ints) -> int:
     """The length of each of the three arrays (places, values, sums) that a forward pass of this network works in."""
     widest = max(header[1], header[2] + BLOCK)
@@ -35,7 +35,7 @@ def workspace_size(header: _Ints) -> int:
     return int(widest) + 1
 
 
-@kernel
+@bare_kernel
 def nonzeros(x: _Floats, places: _Ints, values: _Floats) -> int:
     """Write the places and values of the non-zero entries of x [n] to arrays of more than n; returns their number."""
     count = 0
@@ -46,7 +46,7 @@ def nonzeros(x: _Floats, places: _Ints, values: _Floats) -> int:
     return count
 
 
-@kernel
+@bare_kernel
 def rectified(sums: _Floats, places: _Ints, values: _Floats) -> int:
     """ReLU of sums [n]: as `nonzeros`, of what it lets through."""
     count = 0
@@ -57,7 +57,7 @@ def rectified(sums: _Floats, places: _Ints, values: _Floats) -> int:
     return count
 
 
-@kernel
+@bare_kernel
 def bounded(sums: _Floats, places: _Ints, values: _Floats) -> int:
     """Tanh of sums [n]: as `nonzeros`, but all entries."""
     for place in range(len(sums)):
@@ -66,7 +66,7 @@ def bounded(sums: _Floats, places: _Ints, values: _Floats) -> int:
     return len(sums)
 
 
-@kernel
+@bare_kernel
 def add_rows(parameters: _Floats, offset: int, places: _Ints, values: _Floats, count: int, sums: _Floats) -> None:
     """Add `values[i] * weights[places[i]]` to sums [out] for every i below `count`; the weights are [in, out].
 
@@ -101,18 +101,19 @@ def add_rows(parameters: _Floats, offset: int, places: _Ints, values: _Floats, c
             sums[k] += values[at] * parameters[row + np.uint64(k)]
 
 
-@kernel
+@bare_kernel
 def linear(
     parameters: _Floats, offset: int, n_in: int, places: _Ints, values: _Floats, count: int, sums: _Floats
 ) -> int:
     """A layer's sums [out] over the non-zero inputs."""
     biases = offset + n_in * len(sums)
-    sums[:] = parameters[biases : biases + len(sums)]
+    for k in range(len(sums)):
+        sums[k] = parameters[np.uint64(biases + k)]
     add_rows(parameters, offset, places, values, count, sums)
     return biases + len(sums)
 
 
-@kernel
+@bare_kernel
 def head(parameters: _Floats, offset: int, n_in: int, places: _Ints, values: _Floats, count: int, sums: _Floats) -> int:
     """As `linear`, for a narrow layer: its sums [a multiple of BLOCK] stay in registers, block by block."""
     width = len(sums)
@@ -135,7 +136,7 @@ def head(parameters: _Floats, offset: int, n_in: int, places: _Ints, values: _Fl
     return biases + width
 
 
-@kernel
+@bare_kernel
 def perceptron(
     header: _Ints,
     first: int,
@@ -173,7 +174,7 @@ def perceptron(
     return head(parameters, offset, n_in, places, values, count, sums[:padded])
 
 
-@kernel
+@bare_kernel
 def join_heads(sums: _Floats, out: _Floats) -> None:
     """Action values [A] from V and the advantages [1 + A]: `Q = V + A - mean(A)`."""
     total = _ZERO
@@ -184,7 +185,7 @@ def join_heads(sums: _Floats, out: _Floats) -> None:
         out[action] = (sums[0] + sums[1 + action]) - mean
 
 
-@kernel
+@bare_kernel
 def gates(sums: _Floats, state: _Floats) -> None:
     """One step of an LSTM (Hochreiter & Schmidhuber 1997, with the forget gate of Gers et al. 2000).
 
@@ -200,7 +201,7 @@ def gates(sums: _Floats, state: _Floats) -> None:
         state[k] = np.float32(sigmoid(np.float64(sums[3 * width + k])) * tanh(cell))
 
 
-@kernel
+@bare_kernel
 def lstm(
     header: _Ints, parameters: _Floats, places: _Ints, values: _Floats, count: int, state: _Floats, sums: _Floats
 ) -> int:
@@ -208,7 +209,8 @@ def lstm(
     n_in, width = header[1], header[HEADER_WIDTHS]
     into = sums[: GATES * width]
     biases = (n_in + width) * GATES * width
-    into[:] = parameters[biases : biases + GATES * width]
+    for k in range(GATES * width):
+        into[k] = parameters[np.uint64(biases + k)]
     add_rows(parameters, 0, places, values, count, into)
     count = nonzeros(state[:width], places, values)
     add_rows(parameters, n_in * GATES * width, places, values, count, into)
@@ -216,7 +218,7 @@ def lstm(
     return int(biases + GATES * width)
 
 
-@kernel
+@bare_kernel
 def forward_row(
     header: _Ints,
     parameters: _Floats,
