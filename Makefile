@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # One thread a process for numerics, and arithmetic that does not depend on memory alignment.
 TEST_ENVIRONMENT := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 MKL_CBWR=AUTO,STRICT
 
-.PHONY: install demo check test soak clean
+.PHONY: install demo check test parity soak clean
 
 install: $(VENV)/installed
 
@@ -28,6 +28,9 @@ check: install
 
 test: check
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m 'not slow'
+
+parity: install
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -m parity tests/parity
 
 soak: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m slow

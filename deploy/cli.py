@@ -5,6 +5,7 @@ import typer
 from deploy.commands.checkpoint import checkpoint
 from deploy.commands.doctor import doctor
 from deploy.commands.down import down
+from deploy.commands.levels import app as levels
 from deploy.commands.logs import logs
 from deploy.commands.pause import pause
 from deploy.commands.resume import resume
@@ -22,6 +23,7 @@ app = typer.Typer(
 )
 for verb in (up, status, tail, logs, scale, pause, resume, checkpoint, down, doctor):
     app.command()(verb)
+app.add_typer(levels, name="levels")
 
 
 def main() -> None:

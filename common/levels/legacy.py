@@ -2,13 +2,14 @@
 
 Source: "Deep Reinforcement Learning in the Flatland Multi-Agent Environment" (2021), table 5.1, and the
 sparse rail and schedule generators of flatland-rl 2.2.2. Where 4.3.0 differs (tracks in a city, placement of
-cities, who goes where), the old rule is restated here; all else is the library's. No `RailEnv`, timetable or
-distance map is built.
+cities, the lines between them, the order of repairs, who goes where), the old rule is restated here; all else is the
+library's. The same random numbers give the same levels as in 2.2.2. No `RailEnv`, timetable or distance map is built.
 """
 
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from math import ceil
 from typing import Any, SupportsIndex
 
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 
 from common.config import Difficulty
 from common.levels.level import Level
+from common.levels.lines import find_line, lay_line
 from common.rail.decisions import STEPS, exits
 from common.seeding import stream_key
 
@@ -67,7 +69,7 @@ def generate(difficulty: Difficulty, seed: int) -> Level:
         except InfeasibleLevelError:
             continue
         finally:
-            _forget_rails()
+            forget_rails()
     raise InfeasibleLevelError(f"no feasible {difficulty} level for seed {seed} in {LEVEL_TRIES} tries")
 
 
@@ -90,7 +92,7 @@ def _draw(spec: LegacySpec, rng: RandomState) -> Level:
     )
 
 
-def _forget_rails() -> None:
+def forget_rails() -> None:
     """Empty the library's caches, which are keyed on the map and would keep every map ever drawn."""
     for cached in _MAP_CACHES:
         cached()
@@ -113,20 +115,21 @@ def _route(rail: Any, hints: dict[str, Any], rng: RandomState) -> tuple[tuple[in
     stations, orientations = hints["train_stations"], hints["city_orientations"]
     for _ in range(ROUTE_TRIES):
         home, away = rng.choice(len(stations), 2, replace=False)
-        start = _station(stations[home], 0, rng)
-        target = _station(stations[away], 1, rng)
+        start, target = _station(stations[home], rng), _station(stations[away], rng)
+        while start[1] % 2 != 0:
+            start = _station(stations[home], rng)
+        while target[1] % 2 != 1:
+            target = _station(stations[away], rng)
+        (row, column), goal = start[0], target[0]
         heading = int(rng.choice([orientations[home], (orientations[home] + 2) % 4]))
         for facing in (heading, (heading + 2) % 4):
-            if rail.check_path_exists(start, facing, target):
-                return (int(start[0]), int(start[1]), facing), (int(target[0]), int(target[1]))
+            if rail.check_path_exists((row, column), facing, goal):
+                return (int(row), int(column), facing), (int(goal[0]), int(goal[1]))
     raise InfeasibleLevelError(f"no pair of stations is connected in {ROUTE_TRIES} draws")
 
 
-def _station(stations: list[_Station], parity: int, rng: RandomState) -> _Cell:
-    while True:
-        cell, track = stations[rng.choice(len(stations))]
-        if track % 2 == parity:
-            return cell
+def _station(stations: list[_Station], rng: RandomState) -> _Station:
+    return stations[rng.choice(len(stations))]
 
 
 class _Tracks(int):
@@ -151,7 +154,7 @@ class _TrackDraws:
 
 
 class _LegacyRails(SparseRailGen):
-    """4.3.0's sparse rails with 2.2.2's cities: two or three tracks each, placed by rejection."""
+    """4.3.0's sparse rails as 2.2.2 drew them: cities of two or three tracks, placed by rejection, and its lines."""
 
     def __init__(self, cities: int) -> None:
         super().__init__(
@@ -159,7 +162,9 @@ class _LegacyRails(SparseRailGen):
             grid_mode=False,
             max_rails_between_cities=MAX_RAILS_BETWEEN_CITIES,
             max_rail_pairs_in_city=ceil(MAX_RAILS_IN_CITY / 2),
+            backwards_compatibility_mode=True,  # no draw for crossings on two levels
         )
+        self._cells_of_cities: list[_Cell] = []
 
     def _generate_random_city_positions(
         self, num_cities: int, city_radius: int, width: int, height: int, np_random: Any = None
@@ -182,16 +187,60 @@ class _LegacyRails(SparseRailGen):
         kwargs["np_random"] = _TrackDraws(kwargs["np_random"])
         return super()._generate_city_connection_points(*args, **kwargs)
 
+    def _get_cells_in_city(self, center: Any, radius: int, city_orientation: int, vector_field: Any) -> Any:
+        """The library's, but it remembers their order: 4.3.0 puts them into a set."""
+        cells: Any = super()._get_cells_in_city(center, radius, city_orientation, vector_field)
+        self._cells_of_cities += sorted((int(row), int(column)) for row, column in cells)
+        return cells
+
+    def _connect_cities(
+        self,
+        city_positions: Any,
+        connection_points: Any,
+        city_cells: Any,
+        rail_trans: Any,  # noqa: ARG002
+        grid_map: Any,
+    ) -> Any:
+        """Lines from all points of a city to the nearest point of the neighbour on that side (see `levels.lines`)."""
+        grid = grid_map.grid
+        blocked = np.zeros(grid.shape, dtype=np.bool_)
+        blocked[tuple(np.array(list(city_cells)).T)] = True
+        lines = []
+        for city in range(len(city_positions)):
+            neighbours = self._closest_neighbour_in_grid4_directions(city, city_positions)
+            for side in range(4):
+                nearest: Any = self.get_closest_neighbour_for_direction(neighbours, side)  # type: ignore[no-untyped-call]
+                points = [point for points in connection_points[nearest] for point in points]
+                for point in connection_points[city][side]:
+                    end = min(points, key=partial(_manhattan, point))
+                    line = find_line(grid, blocked, _number(grid, point), _number(grid, end))
+                    lay_line(grid, line)
+                    lines.append([(int(cell) // grid.shape[1], int(cell) % grid.shape[1]) for cell in line])
+        return lines
+
     def _fix_transitions(
-        self, city_cells: Any, inter_city_lines: Any, grid_map: Any, vector_field: Any, np_random: Any
+        self,
+        city_cells: Any,  # noqa: ARG002  (the same cells in another order)
+        inter_city_lines: Any,
+        grid_map: Any,
+        vector_field: Any,
+        np_random: Any,
     ) -> None:
         """The library's, but broken cells are found in the whole grid at once: that was most of the time."""
         broken = _broken(grid_map.grid, list(grid_map.transitions.transitions_all))
-        for cell in [cell for cell in [*city_cells, *inter_city_lines] if broken[cell]]:
+        for cell in [cell for cell in [*self._cells_of_cities, *inter_city_lines] if broken[cell]]:
             self.fix_transitions(grid_map, (int(cell[0]), int(cell[1])), int(vector_field[cell]), np_random)
 
     def _extract_stations_links(self, *_args: Any, **_kwargs: Any) -> Any:
         """Nobody asks for the named stations and links, and they take time."""
+
+
+def _manhattan(here: _Cell, there: _Cell) -> int:
+    return int(abs(here[0] - there[0]) + abs(here[1] - there[1]))
+
+
+def _number(grid: NDArray[np.uint16], cell: _Cell) -> int:
+    return int(cell[0]) * grid.shape[1] + int(cell[1])
 
 
 def _broken(grid: NDArray[np.uint16], pieces: list[int]) -> NDArray[np.bool_]:

@@ -36,3 +36,10 @@ class Level:
         for array, dtype in ((self.grid, "<u2"), (self.starts, "<i4"), (self.targets, "<i4")):
             state.update(np.ascontiguousarray(array, dtype=dtype).tobytes())
         return state.hexdigest()
+
+    @cached_property
+    def grid_hash(self) -> int:
+        """64-bit hash of the rails alone."""
+        state = hashlib.blake2b(f"{self.grid.shape}".encode(), digest_size=8)
+        state.update(np.ascontiguousarray(self.grid, dtype="<u2").tobytes())
+        return int.from_bytes(state.digest(), "little")

@@ -11,17 +11,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from common.policy.choosing import draw_counter
 from common.policy.networks import QNetwork
 from common.seeding import uniform
-
-
-def draw_counter(step: int, n_trains: int, train: int) -> int:
-    """Where the two draws of `train`'s decision at `step` lie in the episode's stream of exploration.
-
-    Draw `draw_counter` decides whether to explore, the one after it which action. Every (step, train) has its
-    own two, used or not: no decision shifts the draws of another.
-    """
-    return 2 * (step * n_trains + train)
 
 
 class EpsilonGreedy:

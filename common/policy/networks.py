@@ -51,12 +51,12 @@ class QNetwork(nn.Module):
         self.n_actions = n_actions
         self.dueling = config.dueling
         widths = (n_features, *config.hidden)
-        self.hidden = nn.ModuleList(_linear(n_in, n_out) for n_in, n_out in itertools.pairwise(widths))
+        self.hidden = nn.ModuleList(linear_layer(n_in, n_out) for n_in, n_out in itertools.pairwise(widths))
         if config.dueling:
-            self.value = _linear(widths[-1], 1)
-            self.advantage = _linear(widths[-1], n_actions)
+            self.value = linear_layer(widths[-1], 1)
+            self.advantage = linear_layer(widths[-1], n_actions)
         else:
-            self.q = _linear(widths[-1], n_actions)
+            self.q = linear_layer(widths[-1], n_actions)
 
     def forward(self, observation: Tensor) -> Tensor:
         """[B, F] float32 to [B, A] float32."""
@@ -116,7 +116,7 @@ def import_tensors(tensors: Mapping[str, Tensor], arrays: Mapping[str, NDArray[n
             tensor.copy_(torch.tensor(arrays[name]))
 
 
-def _linear(n_in: int, n_out: int) -> nn.Linear:
+def linear_layer(n_in: int, n_out: int) -> nn.Linear:
     """A layer with memory but no values: the usual constructor would draw from torch's global generator."""
     layer: nn.Linear = nn.utils.skip_init(nn.Linear, n_in, n_out)  # type: ignore[no-untyped-call]
     return layer

@@ -6,9 +6,9 @@ speed.
 """
 
 import random
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, partial
 from types import MethodType
 from typing import Any
 
@@ -45,6 +45,10 @@ class StudyRewards(Rewards[float]):
 
     def empty(self) -> float:
         return 0.0
+
+    def normalize(self, *rewards: float, num_agents: int, max_episode_steps: int) -> float:
+        """The normalised return of the study; asked for by the library's tools, not by `RailEnv`."""
+        return sum(rewards) / (num_agents * max_episode_steps)
 
 
 class _UnitSpeed(SpeedCounter):
@@ -139,38 +143,65 @@ def _timetable(level: Level) -> Timetable:
     return Timetable(departures, arrivals, level.max_steps)
 
 
-class LegacyActions:
-    """What a train of 2.2.2 does, said to 4.3.0 (speed 1, no malfunctions).
+class LegacyDriver:
+    """What a train of 2.2.2 does, said to 4.3.0 (speed 1, no malfunctions): `send`, let it happen, then `look`.
 
     A train that tried to move and was blocked stays `committed` to its action until it moves. A train that is
     not moving (just departed, stopped, or facing a switch without a way) stays so on DO_NOTHING; otherwise
     DO_NOTHING drives on.
     """
 
+    def __init__(self) -> None:
+        self.committed: int | None = None
+        self._moving = False
+        self._sent = DO_NOTHING
+        self._before: Any = None
+
+    def send(self, here: Any, action: int, has_way: Callable[[int], bool]) -> int:
+        """The action of 4.3.0 that does what `action` did.
+
+        Args:
+            here: where the train is; None off the map, where 4.3.0 does as 2.2.2 did.
+            action: what was decided; one that is committed follows its earlier action instead.
+            has_way: whether the rails let an action be taken from here.
+        """
+        if self.committed is not None:
+            action = self.committed
+        elif here is not None and action == DO_NOTHING:
+            action = MOVE_FORWARD if self._moving else STOP_MOVING
+        self._moving = here is not None and action != STOP_MOVING and has_way(action)
+        self._before, self._sent = here, action
+        return action
+
+    def look(self, here: Any) -> None:
+        """Take over where the train has come to."""
+        self.committed = self._sent if self._moving and here == self._before else None
+
+
+class LegacyActions:
+    """The drivers of all trains of an environment."""
+
     def __init__(self, env: LevelEnv) -> None:
         self._env: Any = env
-        self._moving = [False] * len(env.agents)
-        self.committed: list[int | None] = [None] * len(env.agents)
+        self._drivers = [LegacyDriver() for _ in env.agents]
+
+    @property
+    def committed(self) -> list[int | None]:
+        """[N]: the actions that trains are committed to."""
+        return [driver.committed for driver in self._drivers]
 
     def step(self, actions: Sequence[int]) -> None:
         """Step the environment with an action a train."""
         agents = self._env.agents
-        before = [agent.current_configuration for agent in agents]
-        sent = [self._translate(train, here, actions[train]) for train, here in enumerate(before)]
-        self._env.step({train: ACTIONS[action] for train, action in enumerate(sent)})
-        for train, here in enumerate(before):
-            blocked = self._moving[train] and agents[train].current_configuration == here
-            self.committed[train] = sent[train] if blocked else None
+        sent = {}
+        for train, driver in enumerate(self._drivers):
+            here = agents[train].current_configuration
+            sent[train] = ACTIONS[driver.send(here, actions[train], partial(has_way, self._env.rail, here))]
+        self._env.step(sent)
+        for agent, driver in zip(agents, self._drivers, strict=True):
+            driver.look(agent.current_configuration)
 
-    def _translate(self, train: int, here: Any, action: int) -> int:
-        if here is None:  # off the map 4.3.0 does as 2.2.2 did
-            self._moving[train] = False
-            return action
-        committed = self.committed[train]
-        if committed is not None:
-            action = committed
-        elif action == DO_NOTHING:
-            action = MOVE_FORWARD if self._moving[train] else STOP_MOVING
-        has_way = self._env.rail.apply_action_independent(ACTIONS[action], here) is not None
-        self._moving[train] = has_way and action != STOP_MOVING
-        return action
+
+def has_way(rail: Any, here: Any, action: int) -> bool:
+    """Whether the rails let a train take an action from its cell and heading."""
+    return rail.apply_action_independent(ACTIONS[action], here) is not None

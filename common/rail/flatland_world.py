@@ -49,7 +49,8 @@ class FlatlandEpisode:
 
     def deciding(self) -> list[bool]:
         """Trains that may depart, and those on a decision cell that are not committed to an action."""
-        return [self._decides(agent, self._actions.committed[agent.handle]) for agent in self._agents]
+        pairs = zip(self._agents, self._actions.committed, strict=True)
+        return [self._decides(agent, committed) for agent, committed in pairs]
 
     def _decides(self, agent: Any, committed: int | None) -> bool:
         here = agent.current_configuration

@@ -1,4 +1,4 @@
-"""A tree observation of depth 2 as a fixed vector in [-1, 0], in which 0 means that there is nothing.
+"""A tree observation as a fixed vector in [-1, 0], in which 0 means that there is nothing.
 
 Source: the text (section 3.3) flattens and normalises flatland's tree to [-1, 0] and leaves the formula open;
 it is ours. Padding, infinite distances and zero counts are exactly 0.0, so that a network may skip them. With x
@@ -34,14 +34,12 @@ DETOUR_CELLS = 25.0  # a worse detour is as bad as none
 MANY_TRAINS = 5.0  # fewer trains than this can meet on one branch in practice
 LONG_MALFUNCTION_STEPS = 10.0
 
-_SCALE = np.tile(
-    np.array(
-        [NEAR_CELLS] * 6 + [DETOUR_CELLS, -MANY_TRAINS, -MANY_TRAINS, -LONG_MALFUNCTION_STEPS, 1.0, -MANY_TRAINS],
-        dtype=np.float32,
-    ),
-    (N_NODES, 1),
+_SCALE = np.array(
+    [NEAR_CELLS] * 6 + [DETOUR_CELLS, -MANY_TRAINS, -MANY_TRAINS, -LONG_MALFUNCTION_STEPS, 1.0, -MANY_TRAINS],
+    dtype=np.float32,
 )
-_SCALE[0, 6] = JOURNEY_CELLS
+_ROOT_SCALE = _SCALE.copy()
+_ROOT_SCALE[6] = JOURNEY_CELLS
 _OFFSET = np.array([-1.0] * 7 + [0.0, 0.0, 0.0, -1.0, 0.0], dtype=np.float32)
 _LEAST, _MOST = np.float32(-1), np.float32(0)
 
@@ -50,18 +48,19 @@ def normalise(tree: NDArray[np.float32] | NDArray[np.float64]) -> NDArray[np.flo
     """The vector of a tree.
 
     Args:
-        tree: [21, 12], flatland's raw features; a missing node is a row of NaN.
+        tree: [nodes, 12], flatland's raw features; a missing node is a row of NaN. Depth 2 has 21 nodes.
 
     Returns:
-        [252], node after node.
+        [nodes * 12], node after node.
     """
     x = tree.astype(np.float32)
     root_distance = x[0, 6]
     with np.errstate(invalid="ignore"):  # a root without a way: inf - inf is nothing
         x[1:, 6] = (x[1:, 5] + x[1:, 6]) - root_distance
     x[0, :6] = np.inf
-    x /= _SCALE
+    x[0] /= _ROOT_SCALE
+    x[1:] /= _SCALE
     x += _OFFSET
     np.minimum(np.maximum(x, _LEAST, out=x), _MOST, out=x)
     x[np.isnan(x)] = 0
-    return x.reshape(N_FEATURES)
+    return x.reshape(-1)

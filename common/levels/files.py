@@ -1,0 +1,121 @@
+"""Files of levels that are passed around: one .npz with groups of levels, as `easy` or `rounds_1`.
+
+Of every group three arrays: `<group>_levels_grid` [K, H, W], `<group>_levels_agents` [K, N, 5] (row, column and heading
+at the start, row and column of the target) and `<group>_levels_max_steps` [K]. So all levels of a group are of one
+shape. Files are checked before they are believed; nothing in them is unpickled.
+"""
+
+import os
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.levels.level import Level
+
+GRID, AGENTS, MAX_STEPS = "_levels_grid", "_levels_agents", "_levels_max_steps"
+LARGEST_SIDE = 4096
+
+Groups = dict[str, list[Level]]
+
+
+class LevelFileError(ValueError):
+    """A file that holds no levels: one line that names it and what is wrong."""
+
+
+def save(path: Path, groups: Mapping[str, Sequence[Level]]) -> None:
+    """Write groups of levels; a file that was there is replaced in one step.
+
+    Raises:
+        LevelFileError: the levels of a group differ in shape.
+    """
+    arrays: dict[str, NDArray[Any]] = {}
+    for name, levels in groups.items():
+        shapes = {(level.grid.shape, level.n_trains) for level in levels}
+        if len(shapes) != 1:
+            raise LevelFileError(f"the levels of {name} differ in size or trains: save them as groups of their own")
+        arrays[name + GRID] = np.stack([level.grid for level in levels])
+        agents = [np.concatenate([level.starts, level.targets], axis=1) for level in levels]
+        arrays[name + AGENTS] = np.stack(agents).astype(np.int16)
+        arrays[name + MAX_STEPS] = np.array([level.max_steps for level in levels], np.int32)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("wb") as file:
+            np.savez_compressed(file, **arrays)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def load(path: Path) -> Groups:
+    """Read all groups of a file.
+
+    Raises:
+        LevelFileError: the file cannot be read, or something in it is no level.
+    """
+    try:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except FileNotFoundError:
+        raise LevelFileError(f"{path}: no such file") from None
+    except (OSError, ValueError, TypeError, EOFError, AttributeError, zipfile.BadZipFile):
+        raise LevelFileError(f"{path} is no readable .npz file of arrays") from None
+    names = [key.removesuffix(GRID) for key in arrays if key.endswith(GRID)]
+    if not names:
+        raise LevelFileError(f"{path} has no array named <group>{GRID}, so it holds no levels")
+    return {name: _group(path, name, arrays) for name in names}
+
+
+def _group(path: Path, name: str, arrays: Mapping[str, NDArray[Any]]) -> list[Level]:
+    for key in (name + AGENTS, name + MAX_STEPS):
+        if key not in arrays:
+            raise LevelFileError(f"{path} lacks the array {key}")
+    grids, agents, limits = arrays[name + GRID], arrays[name + AGENTS], arrays[name + MAX_STEPS]
+    if not all(np.issubdtype(array.dtype, np.integer) for array in (grids, agents, limits)):
+        raise LevelFileError(f"{path}: the arrays of {name} must hold integers")
+    if grids.ndim != 3 or agents.shape != (len(grids), *agents.shape[1:2], 5) or limits.shape != grids.shape[:1]:
+        raise LevelFileError(f"{path}: the arrays of {name} do not have shapes [K, H, W], [K, N, 5] and [K]")
+    levels = []
+    for index, (grid, trains, limit) in enumerate(zip(grids, agents, limits, strict=True)):
+        level = Level(
+            grid=grid.astype(np.uint16),
+            starts=np.ascontiguousarray(trains[:, :3], np.int32),
+            targets=np.ascontiguousarray(trains[:, 3:], np.int32),
+            max_steps=int(limit),
+        )
+        problem = problem_with(level)
+        if problem is not None:
+            raise LevelFileError(f"{path}: level {index} of {name}: {problem}")
+        levels.append(level)
+    return levels
+
+
+def problem_with(level: Level) -> str | None:
+    """Why this is no level that can be played, or none."""
+    height, width = level.grid.shape
+    if not (0 < height <= LARGEST_SIDE and 0 < width <= LARGEST_SIDE):
+        return f"a grid of {height}x{width}"
+    if level.n_trains == 0:
+        return "no trains"
+    if level.max_steps < 1:
+        return f"a step limit of {level.max_steps}"
+    problems = (_problem_with_train(level, train) for train in range(level.n_trains))
+    return next((problem for problem in problems if problem is not None), None)
+
+
+def _problem_with_train(level: Level, train: int) -> str | None:
+    height, width = level.grid.shape
+    row, column, heading = level.starts[train].tolist()
+    if not (0 <= row < height and 0 <= column < width and 0 <= heading < 4):
+        return f"train {train} starts at row {row}, column {column}, heading {heading}"
+    if level.grid[row, column] >> (4 * (3 - heading)) & 15 == 0:
+        return f"train {train} starts at row {row}, column {column}, where no rail leads on for heading {heading}"
+    row, column = level.targets[train].tolist()
+    if not (0 <= row < height and 0 <= column < width) or level.grid[row, column] == 0:
+        return f"the target of train {train} at row {row}, column {column} is not on rails"
+    return None

@@ -1,0 +1,42 @@
+"""Where a process gets its levels: out of a bank if they are there, else from the generator. They are the same."""
+
+from pathlib import Path
+
+from common.config import Difficulty
+from common.levels import held_out
+from common.levels.bank import LevelBank
+from common.levels.level import Level
+from common.seeding import evaluation_level_seed
+
+
+class LevelSupply:
+    """Levels by seed; with a bank or without, the same ones."""
+
+    def __init__(self, bank: LevelBank | None = None) -> None:
+        self._bank = bank
+
+    @classmethod
+    def from_folder(cls, root: Path | None) -> "LevelSupply":
+        """The supply over the bank in a folder, if there is one.
+
+        Raises:
+            BankError: the bank cannot be used.
+        """
+        return cls(None if root is None or not root.is_dir() else LevelBank(root))
+
+    def level(self, difficulty: Difficulty, seed: int) -> Level:
+        """The generator's level of a seed."""
+        level = None if self._bank is None else self._bank.get(difficulty, seed)
+        if level is None:
+            from common.levels.legacy import generate  # noqa: PLC0415  (a full bank spares the seconds to import it)
+
+            level = generate(difficulty, seed)
+        return level
+
+    def training(self, difficulty: Difficulty, seed: int) -> Level:
+        """The training level of a seed: never on the rails of an evaluation level (see `held_out`)."""
+        return held_out.training_level(difficulty, seed, self.level)
+
+    def evaluation(self, difficulty: Difficulty, index: int) -> Level:
+        """Evaluation level `index`, the same for every run."""
+        return self.level(difficulty, evaluation_level_seed(index))

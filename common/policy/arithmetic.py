@@ -1,0 +1,81 @@
+"""exp, log, tanh and the sigmoid in additions, multiplications and divisions: the same bits on every x86-64 processor.
+
+A system's own functions differ between versions of its library in the last bit, and a policy's choice may hang on it.
+Here everything is IEEE arithmetic in float64 in a fixed order, so it cannot differ, and its error (below 1e-12
+relative) vanishes when the result is rounded to float32. There are no branches and no tables: loops over them become
+vector instructions.
+
+Method: shrink the argument by a power of two until few terms of the Taylor series suffice, then square back.
+`expm1(2t) = expm1(t) * (expm1(t) + 2)` does it without cancellation near zero.
+"""
+
+import numpy as np
+
+from common.kernel import bare_kernel
+
+Real = float | np.float64  # compiled, `float` of a float32 would stay one
+LARGEST_EXPONENT = 104.0  # beyond, exp is zero or infinite in float32
+LARGEST_TANH = 20.0  # beyond, tanh is one in float32 and in float64
+LARGEST_REDUCED = 1.5  # the logarithm's series is used between 1/1.5 and 1.5
+
+
+@bare_kernel
+def series_expm1(t: Real) -> Real:
+    """exp(t) - 1 for |t| below 0.5, to 1e-14 relative."""
+    term = 1.0 + t * (1.0 / 12.0)
+    term = 1.0 + t * (1.0 / 11.0) * term
+    term = 1.0 + t * (1.0 / 10.0) * term
+    term = 1.0 + t * (1.0 / 9.0) * term
+    term = 1.0 + t * (1.0 / 8.0) * term
+    term = 1.0 + t * (1.0 / 7.0) * term
+    term = 1.0 + t * (1.0 / 6.0) * term
+    term = 1.0 + t * (1.0 / 5.0) * term
+    term = 1.0 + t * (1.0 / 4.0) * term
+    term = 1.0 + t * (1.0 / 3.0) * term
+    term = 1.0 + t * (1.0 / 2.0) * term
+    return t * term
+
+
+@bare_kernel
+def exp(x: Real) -> Real:
+    """e^x; arguments beyond +-104 count as +-104."""
+    bounded = min(max(x, -LARGEST_EXPONENT), LARGEST_EXPONENT)
+    power: Real = 1.0 + series_expm1(bounded * (1.0 / 256.0))
+    for _ in range(8):
+        power = power * power
+    return power
+
+
+@bare_kernel
+def tanh(x: Real) -> Real:
+    """The hyperbolic tangent; relative precision near zero too."""
+    doubled = 2.0 * min(max(x, -LARGEST_TANH), LARGEST_TANH)
+    below = series_expm1(doubled * (1.0 / 128.0))
+    for _ in range(7):
+        below = below * (below + 2.0)
+    return below / (below + 2.0)
+
+
+@bare_kernel
+def sigmoid(x: Real) -> Real:
+    """1 / (1 + e^-x)."""
+    power = exp(x)
+    return power / (1.0 + power)
+
+
+@bare_kernel
+def log(x: Real) -> Real:
+    """The natural logarithm of a positive number, as `k log 2 + 2 artanh((m - 1) / (m + 1))` with x = m 2^k."""
+    exponent = 0.0
+    while x > LARGEST_REDUCED:
+        x *= 0.5
+        exponent += 1.0
+    while x < 1.0 / LARGEST_REDUCED:
+        x *= 2.0
+        exponent -= 1.0
+    z = (x - 1.0) / (x + 1.0)
+    square = z * z
+    total: Real = 0.0
+    for odd in range(23, -1, -2):
+        total = total * square + 1.0 / odd
+    return exponent * 0.6931471805599453 + 2.0 * z * total

@@ -1,0 +1,132 @@
+# ruff: noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
+"""Acting with a network's compiled twin: outputs and choices for a batch of trains, each as if it were alone."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.kernel import kernel
+from common.policy.choosing import best, draw_counter, epsilon_greedy, log_probability, softmax_sample
+from common.policy.packing import ACTOR_CRITIC, Arrays, Layout
+from common.policy.twin import forward
+
+
+class Choices(NamedTuple):
+    """What a batch of R trains does.
+
+    Attributes:
+        actions: [R] int8.
+        outputs: [R, A] action values, or [R, A + 1] logits and the state's value.
+        log_probabilities: [R], of the actions under softmax; zero for value networks.
+    """
+
+    actions: NDArray[np.int8]
+    outputs: NDArray[np.float32]
+    log_probabilities: NDArray[np.float32]
+
+
+@kernel
+def choose_rows(
+    header: NDArray[np.int64],
+    outputs: NDArray[np.float32],
+    greedy: bool,
+    epsilons: NDArray[np.float64],
+    keys: NDArray[np.uint64],
+    counters: NDArray[np.uint64],
+    actions: NDArray[np.int8],
+    log_probabilities: NDArray[np.float32],
+) -> None:
+    """Choose an action a row: epsilon-greedily by action values, or as softmax of logits says; or the best.
+
+    Args:
+        header: of the network.
+        outputs: [R, O].
+        greedy: take the best; the draws are not looked at.
+        epsilons: [R], only for action values.
+        keys: [R], of the episodes' streams of exploration.
+        counters: [R], of the decisions (`choosing.draw_counter`).
+        actions: [R], overwritten.
+        log_probabilities: [R], overwritten.
+    """
+    n_actions = header[2]
+    for row in range(len(outputs)):
+        scores = outputs[row, :n_actions]
+        if greedy:
+            action = best(scores)
+        elif header[0] == ACTOR_CRITIC:
+            action = softmax_sample(scores, keys[row], counters[row])
+        else:
+            action = epsilon_greedy(scores, epsilons[row], keys[row], counters[row])
+        actions[row] = action
+        log_probabilities[row] = log_probability(scores, action) if header[0] == ACTOR_CRITIC else 0.0
+
+
+class Twin:
+    """A network for acting: `load` its parameters, then ask for outputs or choices."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self.header = layout.header
+        self.parameters = np.zeros(0, np.float32)
+
+    def load(self, tensors: Arrays) -> None:
+        """Take over parameters, by the names that `export_parameters` gives them.
+
+        Raises:
+            KeyError, ValueError: as `Layout.pack`.
+        """
+        self.parameters = self.layout.pack(tensors)
+
+    def zero_state(self, rows: int) -> NDArray[np.float32]:
+        """[R, S]: what trains carry along before their first decision; S is 0 but for recurrent networks."""
+        return np.zeros((rows, self.layout.n_state), np.float32)
+
+    def outputs(
+        self, observations: NDArray[np.float32], state: NDArray[np.float32] | None = None
+    ) -> NDArray[np.float32]:
+        """The outputs [R, O] of observations [R, F]; state [R, S] is carried on in place, zero if not given."""
+        if len(self.parameters) == 0:
+            raise ValueError("the twin has no parameters: load some first")
+        if observations.ndim != 2 or observations.shape[1] != self.layout.n_features:
+            raise ValueError(f"observations have shape {observations.shape}, not [R, {self.layout.n_features}]")
+        state = self.zero_state(len(observations)) if state is None else state
+        if state.shape != (len(observations), self.layout.n_state):
+            raise ValueError(f"state has shape {state.shape}, not {(len(observations), self.layout.n_state)}")
+        out = np.empty((len(observations), self.layout.n_outputs), np.float32)
+        forward(self.header, self.parameters, np.require(observations, np.float32, ["C", "W"]), state, out)
+        return out
+
+    def act(
+        self,
+        observations: NDArray[np.float32],
+        epsilons: NDArray[np.float64],
+        keys: NDArray[np.uint64],
+        counters: NDArray[np.uint64],
+        state: NDArray[np.float32] | None = None,
+        *,
+        greedy: bool = False,
+    ) -> Choices:
+        """What R trains do; see `choose_rows` and `outputs` for the arguments."""
+        outputs = self.outputs(observations, state)
+        choices = Choices(np.empty(len(outputs), np.int8), outputs, np.empty(len(outputs), np.float32))
+        choose_rows(self.header, outputs, greedy, epsilons, keys, counters, choices.actions, choices.log_probabilities)
+        return choices
+
+    def in_episode(
+        self, epsilon: float, key: int, n_trains: int, *, greedy: bool = False
+    ) -> Callable[[NDArray[np.float32], int, int], int]:
+        """The choice of an action by (observation [F], step, train), for one episode of `n_trains`.
+
+        As `acting.EpsilonGreedy.in_episode`, for every kind of network; the trains' states start at zero.
+        """
+        states = self.zero_state(n_trains)
+        keys, epsilons = np.array([key], np.uint64), np.array([epsilon])
+
+        def choose(observation: NDArray[np.float32], step: int, train: int) -> int:
+            counters = np.array([draw_counter(step, n_trains, train)], np.uint64)
+            state = states[train : train + 1]
+            return int(self.act(observation[None], epsilons, keys, counters, state, greedy=greedy).actions[0])
+
+        return choose

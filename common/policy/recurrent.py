@@ -1,0 +1,73 @@
+"""The recurrent Q-network: an LSTM in place of the first layer, then as the dueling network.
+
+Source: "Deep Recurrent Q-Learning for Partially Observable MDPs", Hausknecht & Stone (2015, arXiv:1507.06527), as in
+section 4.2 of "Deep Reinforcement Learning in the Flatland Multi-Agent Environment" (2021): while acting, a train
+carries its hidden state from decision to decision, zero at first; training runs over sequences from a zero state.
+"""
+
+import itertools
+import math
+
+import torch
+from torch import Tensor, nn
+
+from common.config import NetworkConfig
+from common.policy.networks import dueling_values, linear_layer
+from common.seeding import stream_key
+
+State = tuple[Tensor, Tensor]  # hidden and cell state, [B, H] each
+
+
+class RecurrentQNetwork(nn.Module):
+    """The action values along a batch of sequences of observations.
+
+    The first of `config.hidden` is the LSTM's width. Parameters in order: `lstm.weight_ih_l0`, `lstm.weight_hh_l0`,
+    `lstm.bias_ih_l0`, `lstm.bias_hh_l0`, `hidden.<i>.weight|bias`, `value.*`, `advantage.*`. They are uninitialised:
+    use `build_recurrent_network`.
+    """
+
+    def __init__(self, n_features: int, n_actions: int, config: NetworkConfig) -> None:
+        super().__init__()
+        self.n_features = n_features
+        self.n_actions = n_actions
+        self.lstm = nn.LSTM(n_features, config.hidden[0], device="meta").to_empty(device="cpu")
+        self.hidden = nn.ModuleList(linear_layer(n_in, n_out) for n_in, n_out in itertools.pairwise(config.hidden))
+        self.value = linear_layer(config.hidden[-1], 1)
+        self.advantage = linear_layer(config.hidden[-1], n_actions)
+
+    def zero_state(self, batch: int) -> State:
+        """The state before the first observation of each of `batch` sequences."""
+        return torch.zeros(batch, self.lstm.hidden_size), torch.zeros(batch, self.lstm.hidden_size)
+
+    def forward(self, observation: Tensor, state: State | None = None) -> tuple[Tensor, State]:
+        """Run along sequences.
+
+        Args:
+            observation: [T, B, F].
+            state: before the first step; zero if not given.
+
+        Returns:
+            Action values [T, B, A], and the state after the last step.
+        """
+        hidden, cell = self.zero_state(observation.shape[1]) if state is None else state
+        x, (last_hidden, last_cell) = self.lstm(observation, (hidden[None], cell[None]))
+        for layer in self.hidden:
+            x = torch.relu(layer(x))
+        return dueling_values(self.value(x), self.advantage(x)), (last_hidden[0], last_cell[0])
+
+
+def build_recurrent_network(config: NetworkConfig, n_features: int, n_actions: int, seed: int) -> RecurrentQNetwork:
+    """A network whose parameters are a function of `seed` alone: PyTorch's default laws, restated.
+
+    Uniform in +-1/sqrt(n_in) for linear layers, and in +-1/sqrt(width) for the LSTM.
+    """
+    network = RecurrentQNetwork(n_features, n_actions, config)
+    generator = torch.Generator().manual_seed(stream_key(seed, 0, "recurrent-network"))
+    layers = [*network.hidden, network.value, network.advantage]
+    bounds: list[tuple[nn.Module, int]] = [(network.lstm, config.hidden[0])]
+    bounds += [(layer, layer.in_features) for layer in layers if isinstance(layer, nn.Linear)]
+    with torch.no_grad():
+        for module, fan in bounds:
+            for parameter in module.parameters():
+                parameter.uniform_(-1 / math.sqrt(fan), 1 / math.sqrt(fan), generator=generator)
+    return network

@@ -1,0 +1,63 @@
+"""What flatland-rl 4.3.0 knows of trains beyond a `Level`: speeds, timetables, malfunctions, headings at targets."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import lcm
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.rail.compiled.malfunctions import Malfunctions
+
+LARGEST_UNIT = 1 << 20
+
+
+@dataclass(frozen=True)
+class Traffic:
+    """How the trains of a level run; what is None is as in the study.
+
+    Attributes:
+        speeds: the full speed of each train, in cells a step, above 0 and at most 1.
+        departures: the earliest departure of each train.
+        target_headings: for each train, the headings that count as arrived; those without rails do not.
+        malfunctions: what breaks trains down.
+    """
+
+    speeds: Sequence[Fraction] | None = None
+    departures: Sequence[int] | None = None
+    target_headings: Sequence[Sequence[int]] | None = None
+    malfunctions: Malfunctions | None = None
+
+    @property
+    def is_plain(self) -> bool:
+        """All trains are of speed 1, may depart at once and never break down."""
+        slow = any(speed != 1 for speed in self.speeds or ())
+        return not slow and not any(self.departures or ()) and self.malfunctions is None
+
+    def integer_speeds(self, n_trains: int) -> tuple[NDArray[np.int32], int]:
+        """[N] full speeds as multiples of 1 / unit, and the unit."""
+        speeds = self.speeds or [Fraction(1)] * n_trains
+        if len(speeds) != n_trains or not all(0 < speed <= 1 for speed in speeds):
+            raise ValueError(f"{n_trains} trains need as many speeds, above 0 and at most 1: {speeds}")
+        unit = lcm(*(speed.denominator for speed in speeds))
+        if unit > LARGEST_UNIT:
+            raise ValueError(f"speeds with a common denominator above {LARGEST_UNIT} are not supported: {speeds}")
+        return np.array([int(speed * unit) for speed in speeds], np.int32), unit
+
+    def departure_times(self, n_trains: int) -> NDArray[np.int32]:
+        """[N]."""
+        times = np.array(self.departures or [0] * n_trains, np.int32)
+        if times.shape != (n_trains,):
+            raise ValueError(f"{n_trains} trains need as many departures: {self.departures}")
+        return times
+
+    def target_masks(self, n_trains: int) -> NDArray[np.int32]:
+        """[N]: a bit a heading, 0 for all."""
+        headings = self.target_headings or [()] * n_trains
+        if len(headings) != n_trains:
+            raise ValueError(f"{n_trains} trains need as many lists of headings at targets: {headings}")
+        return np.array([sum(1 << heading for heading in set(some)) for some in headings], np.int32)
+
+
+STUDY = Traffic()

@@ -1,0 +1,81 @@
+"""A flatland-rl 4.3.0 environment as a `Level` and its `Traffic`, for the compiled world.
+
+What the compiled world does not know is refused by name: level-free crossings, trains that stay at their targets,
+accelerations other than 1 and -1, effects other than the library's plain malfunctions.
+"""
+
+from typing import Any
+
+import numpy as np
+from flatland.envs.malfunction_effects_generators import MalfunctionEffectsGenerator
+from flatland.envs.rail_env import RailEnv
+
+from common.levels.level import Level
+from common.rail.compiled.malfunctions import Malfunctions, generator_of, words_of
+from common.rail.compiled.traffic import Traffic
+
+
+class UnsupportedEnvironmentError(ValueError):
+    """The environment does something that the compiled world does not."""
+
+
+def level_of(env: RailEnv) -> Level:
+    """The level that `env` was reset to.
+
+    Raises:
+        UnsupportedEnvironmentError: see the module.
+    """
+    world: Any = env
+    agents, free = world.agents, world.resource_map.level_free_positions
+    if free:
+        raise UnsupportedEnvironmentError(f"level-free crossings at {sorted(free)}")
+    if not env.remove_agents_at_target:
+        raise UnsupportedEnvironmentError("trains stay on the map at their targets (remove_agents_at_target=False)")
+    if (world.acceleration_delta, world.braking_delta) != (1, -1):
+        raise UnsupportedEnvironmentError(
+            f"acceleration {env.acceleration_delta} and braking {env.braking_delta} instead of 1 and -1"
+        )
+    starts = [(*agent.initial_configuration[0], int(agent.initial_configuration[1])) for agent in agents]
+    targets = [{position for position, _ in agent.targets} for agent in agents]
+    if any(len(cells) != 1 for cells in targets):
+        raise UnsupportedEnvironmentError("a train has targets in several cells")
+    max_steps = world._max_episode_steps  # noqa: SLF001  (there is no other way to ask)
+    if max_steps is None:
+        raise UnsupportedEnvironmentError("there is no step limit")
+    return Level(
+        grid=np.array(world.rail.grid, np.uint16),
+        starts=np.array(starts, np.int32),
+        targets=np.array([next(iter(cells)) for cells in targets], np.int32),
+        max_steps=int(max_steps),
+    )
+
+
+def traffic_of(env: RailEnv) -> Traffic:
+    """How the trains of `env` run from its first step on; nothing is drawn from its generator.
+
+    Raises:
+        UnsupportedEnvironmentError: see the module.
+    """
+    agents: Any = env.agents
+    return Traffic(
+        speeds=[agent.speed_counter.max_speed for agent in agents],
+        departures=[int(agent.earliest_departure) for agent in agents],
+        target_headings=[[int(heading) for _, heading in agent.targets] for agent in agents],
+        malfunctions=_malfunctions_of(env),
+    )
+
+
+def _malfunctions_of(env: RailEnv) -> Malfunctions | None:
+    world: Any = env
+    effects = world.effects_generator
+    if type(effects) is not MalfunctionEffectsGenerator:
+        raise UnsupportedEnvironmentError(f"effects of {type(effects).__name__}")
+    generator = effects.malfunction_generator
+    rate, shortest, longest = generator.get_process_data()
+    if rate <= 0:
+        return None
+    rng = generator_of(words_of(world.np_random))
+    if generator._cached_rand is None:  # noqa: SLF001  (it draws them at the first step)
+        return Malfunctions.drawn(rate, shortest, longest, rng)
+    broken = np.packbits(generator._cached_rand < generator._malfunction_prob)  # noqa: SLF001
+    return Malfunctions(broken, shortest, longest, generator._rand_idx, words_of(rng))  # noqa: SLF001

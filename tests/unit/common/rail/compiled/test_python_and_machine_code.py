@@ -1,0 +1,57 @@
+"""Kernels do the same compiled and as plain Python."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import played
+
+from common.rail.compiled.arrays import NOTHING, SINGLE, WAYS
+from common.rail.compiled.malfunctions import duration
+from common.rail.compiled.paths import count_bits, number_cells, ways_out
+from common.rail.compiled.step import leave
+from common.rail.compiled.world import CompiledWorld
+from common.rail.world import N_ACTIONS
+
+HERE = Path(__file__).parent
+
+
+def test_a_small_episode_is_the_same_without_compilation():
+    process = subprocess.run(
+        [sys.executable, "-W", "error", str(HERE / "played.py")],
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(HERE.parents[4])},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert process.stderr == ""
+    assert process.stdout.strip() == played.digest()
+
+
+def test_tables_and_moves_are_the_same():
+    grid, starts, targets = played.LEVEL.grid, played.LEVEL.starts, played.LEVEL.targets
+    numbers = [np.zeros(grid.shape, np.int32) for _ in range(2)]
+    assert number_cells(grid, starts, targets, numbers[0]) == 9
+    assert number_cells.py_func(grid, starts, targets, numbers[1]) == 9
+    np.testing.assert_array_equal(*numbers)
+    for piece in np.unique(grid).tolist():
+        assert count_bits(piece) == count_bits.py_func(piece) == piece.bit_count()
+        for heading in range(4):
+            assert ways_out(piece, heading) == ways_out.py_func(piece, heading)
+    world = CompiledWorld(1, 3)
+    world.load(0, played.LEVEL)
+    codes, leads = world.batch.codes[0], world.batch.leads[0]
+    for here in np.flatnonzero(codes & WAYS).tolist():
+        for action in range(N_ACTIONS):
+            to = leave(codes, leads, here, action)
+            assert to == leave.py_func(codes, leads, here, action)
+            assert to != NOTHING or not codes[here] & SINGLE
+
+
+def test_durations_are_the_same():
+    words = np.append(np.random.RandomState(5).get_state()[1], np.uint32(624)).astype(np.uint32)
+    twin = words.copy()
+    assert [duration(words, 2, 40) for _ in range(700)] == [duration.py_func(twin, 2, 40) for _ in range(700)]
+    np.testing.assert_array_equal(words, twin)

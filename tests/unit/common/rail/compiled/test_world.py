@@ -1,0 +1,163 @@
+"""The compiled world: what it refuses, how slots go together, trees of other depths."""
+
+from fractions import Fraction
+
+import numpy as np
+import played
+import pytest
+
+from common.levels.legacy import generate
+from common.levels.level import Level
+from common.rail.compiled.arrays import NOWHERE
+from common.rail.compiled.malfunctions import Malfunctions
+from common.rail.compiled.traffic import Traffic
+from common.rail.compiled.world import CompiledWorld
+from common.rail.normalise import normalise
+from common.rail.world import MOVE_FORWARD, STOP_MOVING
+
+ALONG = 0x0401
+HALF = Traffic(speeds=[Fraction(1, 2)] * 3)
+
+
+def random_actions(world: CompiledWorld, rng: np.random.Generator) -> np.ndarray:
+    return rng.choice(5, p=[0.05, 0.1, 0.7, 0.1, 0.05], size=(world.slots, world.max_trains)).astype(np.int8)
+
+
+@pytest.mark.parametrize("tree", ["stock", "legacy", "repaired"])
+@pytest.mark.parametrize("depth", [1, 2, 3])
+def test_vectors_are_the_normalised_trees(tree: str, depth: int):
+    world = CompiledWorld(2, 7, rules="stock", tree=tree, depth=depth)
+    rng = np.random.default_rng(depth)
+    for slot in range(2):
+        world.load(slot, generate("hard", slot), Traffic(speeds=[Fraction(1, 1 + train % 3) for train in range(7)]))
+    for _ in range(60):
+        trees = world.trees()
+        for slot, train in np.argwhere(world.batch.trains["config"] != NOWHERE).tolist():
+            vector = world.observe(slot, train)
+            assert vector.shape == (world.n_features,)
+            assert vector.tobytes() == normalise(trees[slot, train]).tobytes()
+        world.obey(random_actions(world, rng))
+
+
+def test_a_deeper_tree_holds_the_shallower_one():
+    shallow, deep = (CompiledWorld(1, 7, depth=depth) for depth in (1, 3))
+    for world in (shallow, deep):
+        world.load(0, generate("hard", 1))
+    np.testing.assert_array_equal(shallow.trees()[0], deep.trees()[0][:, [0, 1, 22, 43, 64]])
+
+
+def test_slots_are_worlds_of_their_own():
+    alone, together = CompiledWorld(1, 7), CompiledWorld(3, 7)
+    alone.load(0, generate("hard", 4))
+    for slot, level in enumerate((played.LEVEL, generate("hard", 4), generate("easy", 1))):  # room grows on the way
+        together.load(slot, level)
+    rng = np.random.default_rng(0)
+    for step in range(100):
+        if step == 50:
+            together.load(0, generate("medium", 2))
+        actions = random_actions(together, rng)
+        assert together.step(actions)[1].tobytes() == alone.step(actions[1:2])[0].tobytes()
+        np.testing.assert_array_equal(together.deciding()[1], alone.deciding()[0])
+        assert together.trees()[1].tobytes() == alone.trees()[0].tobytes()
+
+
+def test_observations_do_not_change_later():
+    world = CompiledWorld(1, 3)
+    world.load(0, played.LEVEL)
+    where, vectors = world.observe_deciding()
+    kept = where.copy(), vectors.copy()
+    for _ in range(5):
+        world.step(np.full((1, 3), MOVE_FORWARD, np.int8))
+        world.observe_deciding()
+    np.testing.assert_array_equal(where, kept[0])
+    np.testing.assert_array_equal(vectors, kept[1])
+
+
+def test_arrays_of_another_shape_are_refused():
+    world = CompiledWorld(2, 3)
+    with pytest.raises(ValueError, match=r"shape \(2, 2\) for 2 slots of 3 trains"):
+        world.step(np.zeros((2, 2), np.int8))
+    with pytest.raises(ValueError, match="contiguous float32 array"):
+        world.trees(out=np.zeros((2, 3, 5, 12), np.float32))
+
+
+def test_a_refused_level_leaves_the_slot_over():
+    world = CompiledWorld(1, 3)
+    world.load(0, played.LEVEL)
+    with pytest.raises(ValueError, match="no train can stand"):
+        world.load(0, Level(played.LEVEL.grid, played.LEVEL.starts, np.zeros((3, 2), np.int32), 20))
+    assert world.over()[0]
+    assert not world.deciding().any()
+
+
+def test_nothing_loaded_is_over_and_cannot_be_seen():
+    world = CompiledWorld(2, 3)
+    assert world.over().all()
+    assert not world.step(np.full((2, 3), MOVE_FORWARD, np.int8)).any()
+    with pytest.raises(ValueError, match="slot 1 was never loaded"):
+        world.observe(1, 0)
+
+
+def test_an_arrived_train_of_22_sees_nothing():
+    world = CompiledWorld(1, 3)
+    world.load(0, played.LEVEL)
+    while not world.arrived()[0, 0]:
+        world.obey(np.array([[MOVE_FORWARD, 0, 0]], np.int8))
+    assert np.isnan(world.trees()[0, 0]).all()
+    with pytest.raises(ValueError, match="train 0 has arrived"):
+        world.observe(0, 0)
+    with pytest.raises(ValueError, match="slot 0 has no train 3"):
+        world.observe(0, 3)
+
+
+def test_what_does_not_fit_is_refused():
+    with pytest.raises(ValueError, match="7 trains, the world has room for 3"):
+        CompiledWorld(1, 3).load(0, generate("hard", 1))
+    loose = Level(np.full((1, 3), ALONG, np.uint16), np.array([[0, 0, 1]]), np.array([[0, 2]]), 20)
+    with pytest.raises(ValueError, match="off the grid"):
+        CompiledWorld(1, 3).load(0, loose)
+    nowhere = Level(played.LEVEL.grid, played.LEVEL.starts, np.array([[1, 5], [0, 0], [2, 4]], np.int32), 20)
+    world = CompiledWorld(1, 3)
+    with pytest.raises(ValueError, match="no train can stand on the target of train 1"):
+        world.load(0, nowhere)
+    assert world.over()[0]
+    with pytest.raises(ValueError, match="depth 4 is not supported"):
+        CompiledWorld(1, 3, depth=4)
+    with pytest.raises(ValueError, match="63 predicted steps"):
+        CompiledWorld(1, 3, predicted_steps=63)
+
+
+@pytest.mark.parametrize(
+    "traffic",
+    [
+        HALF,
+        Traffic(departures=[0, 1, 0]),
+        Traffic(malfunctions=Malfunctions(np.zeros(125_000, np.uint8), 1, 2, 0, np.zeros(625, np.uint32))),
+    ],
+)
+def test_the_rules_of_22_know_plain_traffic_only(traffic: Traffic):
+    with pytest.raises(ValueError, match="use stock rules"):
+        CompiledWorld(1, 3).load(0, played.LEVEL, traffic)
+    CompiledWorld(1, 3, rules="stock").load(0, played.LEVEL, traffic)
+
+
+def test_traffic_is_checked():
+    world = CompiledWorld(1, 3, rules="stock")
+    for traffic in (Traffic(speeds=[Fraction(1)] * 2), Traffic(speeds=[Fraction(0)] * 3), Traffic(departures=[1])):
+        with pytest.raises(ValueError, match="3 trains need as many"):
+            world.load(0, played.LEVEL, traffic)
+    with pytest.raises(ValueError, match="common denominator"):
+        world.load(0, played.LEVEL, Traffic(speeds=[Fraction(1, 1009), Fraction(1, 2003), Fraction(1)]))
+
+
+def test_the_cells_rule_spares_broken_trains_and_those_within_a_cell():
+    world = CompiledWorld(1, 3, rules="stock", decisions="cells")
+    world.load(0, played.LEVEL, HALF)
+    for _ in range(2):
+        world.obey(np.full((1, 3), MOVE_FORWARD, np.int8))
+    assert world.deciding().tolist() == [[False] * 3]  # on the map, but with half a cell to go
+    world.obey(np.full((1, 3), MOVE_FORWARD, np.int8))
+    assert world.deciding()[0, 0]
+    world.batch.trains[0]["malfunction"] = 5
+    world.step(np.full((1, 3), STOP_MOVING, np.int8))
+    assert not world.deciding().any()

@@ -1,0 +1,71 @@
+"""Environments of flatland-rl as levels and traffic; what the compiled world does not know is refused."""
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+
+from common.levels.legacy import generate
+from common.rail.bench_world import MALFUNCTIONS, environment
+from common.rail.flatland_env import LevelEnv
+from common.rail.from_flatland import UnsupportedEnvironmentError, level_of, traffic_of
+
+LEVEL = generate("medium", 1)
+
+
+def reset_env(*, disturbed: bool) -> Any:
+    env: Any = environment(LEVEL, disturbed=disturbed)
+    env.reset(random_seed=3)
+    return env
+
+
+def test_a_level_comes_back():
+    level = level_of(reset_env(disturbed=False))
+    assert level.content_hash == LEVEL.content_hash
+    traffic = traffic_of(reset_env(disturbed=False))
+    assert traffic.is_plain
+    assert traffic.speeds == [1] * 5
+
+
+def test_speeds_and_malfunctions_come_along_and_nothing_is_drawn():
+    env = reset_env(disturbed=True)
+    before = env.np_random.get_state()[2]
+    traffic = traffic_of(env)
+    assert traffic.speeds == [1, Fraction(1, 2), Fraction(1, 3), Fraction(1, 4), 1]
+    assert traffic.malfunctions is not None
+    assert (traffic.malfunctions.shortest, traffic.malfunctions.longest) == MALFUNCTIONS[1:]
+    assert env.np_random.get_state()[2] == before
+
+
+def test_malfunctions_go_on_where_an_environment_stands():
+    env = reset_env(disturbed=True)
+    fresh = traffic_of(env).malfunctions
+    for _ in range(3):
+        env.step({})
+    later = traffic_of(env).malfunctions
+    assert (fresh.draw, later.draw) == (0, 15)
+    np.testing.assert_array_equal(fresh.broken, later.broken)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda env: env.resource_map.level_free_positions.add((3, 4)), "level-free crossings at"),
+        (lambda env: setattr(env, "remove_agents_at_target", False), "stay on the map"),
+        (lambda env: setattr(env, "acceleration_delta", Fraction(1, 2)), "acceleration 1/2"),
+        (lambda env: setattr(env, "_max_episode_steps", None), "no step limit"),
+        (lambda env: env.agents[0].targets.add(((0, 0), 0)), "several cells"),
+    ],
+)
+def test_what_is_not_known_is_refused(change: Any, message: str):
+    env = reset_env(disturbed=False)
+    change(env)
+    with pytest.raises(UnsupportedEnvironmentError, match=message):
+        level_of(env)
+
+
+def test_other_effects_are_refused():
+    env = LevelEnv(LEVEL)
+    with pytest.raises(UnsupportedEnvironmentError, match="effects of _StartReady"):
+        traffic_of(env)

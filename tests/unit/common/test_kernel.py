@@ -1,0 +1,57 @@
+"""Compiled code is kept, and made anew when anything in its package has changed."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+from common import kernel as kernel_module
+from common.kernel import bare_kernel, kernel
+
+ONE = "from common.kernel import kernel\n\n\n@kernel\ndef one() -> int:\n    return 1\n"
+TWO = ONE.replace("def one() -> int:\n    return 1", "def two() -> int:\n    return one() + 1").replace(
+    "kernel\n\n", "kernel\nfrom common.tiny.one import one\n\n", 1
+)
+RUN = "from common.tiny.two import two; print(two(), len(two.stats.cache_hits))"
+
+
+def run_in(root: Path) -> list[str]:
+    process = subprocess.run([sys.executable, "-c", RUN], cwd=root, capture_output=True, text=True, check=True)
+    return process.stdout.split()
+
+
+def test_code_follows_a_function_of_another_file(tmp_path: Path):
+    tiny = tmp_path / "common" / "tiny"
+    tiny.mkdir(parents=True)
+    shutil.copy(kernel_module.__file__, tmp_path / "common" / "kernel.py")
+    for path, text in ((tiny.parent / "__init__.py", ""), (tiny / "__init__.py", ""), (tiny / "one.py", ONE)):
+        path.write_text(text)
+    (tiny / "two.py").write_text(TWO)
+    assert run_in(tmp_path) == ["2", "0"]
+    assert run_in(tmp_path) == ["2", "1"]
+    (tiny / "one.py").write_text(ONE.replace("return 1", "return 5"))
+    assert run_in(tmp_path) == ["6", "0"]
+
+
+def test_a_bare_kernel_makes_no_arrays():
+    assert bare_kernel(_sum_of)(np.ones(3)) == 3
+    with pytest.raises(numba.core.errors.NumbaError, match="array"):
+        bare_kernel(_ones)(3)
+
+
+def _sum_of(numbers: np.ndarray) -> float:
+    return numbers.sum()
+
+
+def _ones(count: int) -> np.ndarray:
+    return np.ones(count)
+
+
+def test_numbas_own_setting_is_put_back(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(numba.config, "CACHE_LOCATOR_CLASSES", "InTreeCacheLocator")
+    kernel(test_numbas_own_setting_is_put_back)
+    assert numba.config.CACHE_LOCATOR_CLASSES == "InTreeCacheLocator"

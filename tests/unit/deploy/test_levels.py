@@ -1,0 +1,104 @@
+"""railctl levels, from the command line to the files."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from common.levels import files
+from common.levels.bank import LevelBank
+from common.levels.legacy import generate
+from common.levels.supply import LevelSupply
+from common.seeding import evaluation_level_seed, training_level_seed
+from deploy.cli import app
+from deploy.levels import time_left
+
+
+@pytest.fixture
+def railctl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("RAILCTL_LEVELS", str(tmp_path / "bank"))
+
+    def run(*arguments: object, code: int = 0) -> str:
+        result = CliRunner().invoke(app, ["levels", *map(str, arguments)])
+        assert result.exit_code == code, result.output
+        return result.output if code else result.stdout
+
+    return run
+
+
+def test_a_bank_is_built_and_verified(railctl, tmp_path: Path):
+    command = ("build", "--level", "easy", "--seeds", "3", "--episodes", 6, "--evaluation", 4)
+    output = railctl(*command)
+    assert "easy: 6 of 6" in output
+    bank = LevelBank(tmp_path / "bank")
+    wanted = {training_level_seed(3, episode) for episode in range(6)} | set(map(evaluation_level_seed, range(4)))
+    assert wanted <= bank.seeds("easy")
+    assert json.loads(railctl(*command, "--json"))["built"] == {"easy": 0}
+    assert f"{len(bank.seeds('easy'))} levels are as they were written" in railctl("verify", "--sample", 2)
+
+
+def test_damage_is_reported_in_one_line(railctl, tmp_path: Path):
+    railctl("build", "--level", "easy", "--seeds", "3", "--episodes", 2, "--evaluation", 0)
+    path = next((tmp_path / "bank" / "easy").glob("*.levels"))
+    path.write_bytes(path.read_bytes()[:-1])
+    assert railctl("verify", code=1).strip() == (
+        f"railctl: {path} is not as long as its header says: delete it, then railctl levels build makes it again"
+    )
+
+
+def test_a_level_is_drawn(railctl, tmp_path: Path):
+    picture = tmp_path / "level.png"
+    facts = json.loads(railctl("show", "--level", "hard", "--seed", 4, "--output", picture, "--json"))
+    assert facts["content_hash"] == generate("hard", 4).content_hash
+    assert facts["trains"] == len(facts["distances"]) == 7
+    with Image.open(picture) as image:
+        pixels = np.asarray(image.convert("RGB"))
+    assert min(pixels.shape[:2]) > 800
+    for colour in ((0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00), (0x3C, 0x3A, 0x36)):  # two trains, and steel
+        assert (np.abs(pixels.astype(int) - colour).sum(axis=2) < 12).sum() > 100
+
+
+def test_levels_go_out_and_come_back(railctl, tmp_path: Path):
+    railctl("export", "--level", "medium", "--count", 2, "--output", tmp_path / "pickles")
+    pickles = sorted((tmp_path / "pickles").glob("*.pkl"))
+    assert [path.name for path in pickles] == ["medium_0000.pkl", "medium_0001.pkl"]
+    railctl("import", *pickles, "--group", "medium", "--output", tmp_path / "back.npz")
+    railctl("export", "--level", "medium", "--count", 2, "--output", tmp_path / "levels.npz")
+    back, direct = (files.load(tmp_path / name) for name in ("back.npz", "levels.npz"))
+    expected = [LevelSupply().evaluation("medium", index).content_hash for index in range(2)]
+    for groups in (back, direct):
+        assert [level.content_hash for level in groups["medium"]] == expected
+
+
+def test_training_levels_are_exported_by_run_seed(railctl, tmp_path: Path):
+    railctl("export", "--count", 2, "--seed", 5, "--output", tmp_path / "levels.npz")
+    expected = [LevelSupply().training("easy", training_level_seed(5, episode)).content_hash for episode in range(2)]
+    assert [level.content_hash for level in files.load(tmp_path / "levels.npz")["easy"]] == expected
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "text"),
+    [
+        (("build", "--level", "eassy"), 2, "--level 'eassy': did you mean easy? known are easy, hard, medium"),
+        (("build", "--seeds", "1-"), 2, "--seeds '1-': use a number, or two as 1-10"),
+        (("show", "no.npz"), 2, "does not exist"),
+        (("show", "--seed", "-1"), 2, "greater than or equal to 0"),
+        (("show", "--output", "/no/where/level.png"), 1, "railctl: /no/where/level.png: No such file or directory"),
+    ],
+)
+def test_wrong_usage_and_failures_say_what_and_where(railctl, arguments, code: int, text: str):
+    assert text in railctl(*arguments, code=code)
+
+
+def test_a_file_that_lacks_the_level_is_named(railctl, tmp_path: Path):
+    path = tmp_path / "levels.npz"
+    files.save(path, {"easy": [generate("easy", 1)]})
+    assert f"{path} has 1 levels in easy, so none of index 1" in railctl("show", path, "--index", 1, code=1)
+    assert f"{path} has no group hard: it has easy" in railctl("show", path, "--group", "hard", code=1)
+
+
+def test_time_left_as_people_say_it():
+    assert [time_left(seconds) for seconds in (75.2, 8.0, None)] == ["1 min 15 s left", "8 s left", ""]
