@@ -13,6 +13,7 @@ $(VENV)/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --constraint constraints.txt torch==2.13.0
 	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/python -m common.policy.compile
 	touch $@
 
 # Learns more often than the study does, so that the curve rises within 300 episodes.
@@ -27,7 +28,7 @@ check: install
 	$(BIN)/lint-imports
 
 test: check
-	$(TEST_ENVIRONMENT) $(BIN)/pytest -m 'not slow'
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -m 'not slow and not parity'
 
 parity: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m parity tests/parity

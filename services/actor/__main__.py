@@ -16,10 +16,8 @@ def main() -> None:
     arguments = parser.parse_args()
     with take_place(RunFolder(arguments.run), arguments.name, "actor") as place:
         # Seconds of imports come when the place is taken, so that whoever supervises sees this process at once.
-        from common.policy.determinism import deterministic_torch
         from services.actor.service import Actor
 
-        deterministic_torch()
         Actor(place, arguments.serves).run()
 
 

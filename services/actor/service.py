@@ -3,20 +3,17 @@
 import logging
 import threading
 import time
-from collections.abc import Callable
 
 import numpy as np
 
 from common.bus import NoAnswer
 from common.config import Serves
-from common.levels.legacy import SPECS, generate
-from common.policy.acting import EpsilonGreedy
-from common.policy.networks import QNetwork, build_network, import_parameters
+from common.levels.bank import bank_root
+from common.levels.supply import LevelSupply
+from common.policy.compiled import Twin
+from common.policy.player import MAX_TRAINS, network_layout, player
 from common.process import Place
-from common.rail.flatland_world import FlatlandWorld
-from common.rail.normalise import N_FEATURES
-from common.rail.play import Recording, play
-from common.rail.world import N_ACTIONS
+from common.rail.play import Recording
 from common.records import Episode, Lease, LeaseAnswer, LeaseRequest, Weights, WeightsRequest
 from common.seeding import stream_key
 from common.wire import keys
@@ -63,10 +60,11 @@ class Actor:
         self._serves = serves
         self._kept: dict[int, Episode] = {}
         self._shelf = Shelf(place.config.lag + 2)
-        self._world = FlatlandWorld(slots=1, max_trains=max(SPECS[level].trains for level in place.config.mix))
-        self._network = build_network(place.config.network, N_FEATURES, N_ACTIONS, place.config.seed)
-        self._policy = EpsilonGreedy(N_FEATURES, N_ACTIONS)
+        self._levels = LevelSupply.from_folder(bank_root(place.folder.path.parent))
+        self._play = player(place.config.engine, MAX_TRAINS, self._on_step)
+        self._twin = Twin(network_layout(place.config.network))
         self._loaded: int | None = None
+        self._acting = 0  # the episode
         self._acted = 0
 
     def run(self) -> None:
@@ -108,23 +106,22 @@ class Actor:
             self._place.stopping.wait(RETRY_S)  # what the learner refuses stays missing: no storm
 
     def _serve(self, lease: Lease) -> None:
-        network = self._network_of(lease.weights_version)
-        if network is None:
+        if not self._load(lease.weights_version):
             return  # the next question for work gives the lease back
-        self._beat(f"acting episode {lease.episode}", now=True)
-        episode = self._act(lease, network)
+        self._acting = lease.episode
+        episode = self._act(lease)
         self._kept[lease.episode] = episode
         self._acted += 1
         self._place.bus.publish(keys.EPISODES, episode)
 
-    def _network_of(self, version: int) -> QNetwork | None:
+    def _load(self, version: int) -> bool:
         if self._loaded != version:
             weights = self._shelf.get(version, PUSH_PATIENCE_S) or self._pull(version)
             if weights is None:
-                return None
-            import_parameters(self._network, weights.tensors)
+                return False
+            self._twin.load(weights.tensors)
             self._loaded = version
-        return self._network
+        return True
 
     def _pull(self, version: int) -> Weights | None:
         try:
@@ -133,24 +130,20 @@ class Actor:
             log.warning("no weights %d: %s", version, reason)
             return None
 
-    def _act(self, lease: Lease, network: QNetwork) -> Episode:
+    def _act(self, lease: Lease) -> Episode:
         begin = time.perf_counter()
-        level = generate(lease.level, lease.level_seed)
+        level = self._levels.training(lease.level, lease.level_seed)
         key = stream_key(self._place.config.seed, lease.episode, "explore")
-        choose = self._policy.in_episode(network, lease.epsilon, key, level.n_trains)
-        [recording] = play(self._world, [level], [choose], self._stepping(lease.episode))
+        recording = self._play(level, self._twin, lease.epsilon, key)
         return _episode(lease, recording, self._place.name, time.perf_counter() - begin)
 
-    def _stepping(self, episode: int) -> Callable[[], None]:
-        def on_step() -> None:
-            if self._place.stopping.asked:
-                raise Stopped
-            self._beat(f"acting episode {episode}")
+    def _on_step(self) -> None:
+        if self._place.stopping.asked:
+            raise Stopped
+        self._beat(f"acting episode {self._acting}")
 
-        return on_step
-
-    def _beat(self, state: str, *, now: bool = False) -> None:
-        self._place.heart.beat(state, lambda: {"acted": float(self._acted), "kept": float(len(self._kept))}, now=now)
+    def _beat(self, state: str) -> None:
+        self._place.heart.beat(state, lambda: {"acted": float(self._acted), "kept": float(len(self._kept))})
 
 
 def _episode(lease: Lease, recording: Recording, actor: str, acting_s: float) -> Episode:

@@ -12,10 +12,8 @@ def main() -> None:
     parser.add_argument("--run", type=Path, required=True, help="the run's folder")
     with take_place(RunFolder(parser.parse_args().run), "evaluator", "evaluator") as place:
         # Seconds of imports come when the place is taken, so that whoever supervises sees this process at once.
-        from common.policy.determinism import deterministic_torch
         from services.evaluator.service import Evaluator
 
-        deterministic_torch()
         Evaluator(place).run()
 
 

@@ -8,10 +8,11 @@ from common import checkpoint
 from common.bus import NoAnswer, Question
 from common.checkpoint import CheckpointError
 from common.config import Difficulty
-from common.policy.networks import QNetwork, build_network, import_parameters
+from common.levels.bank import bank_root
+from common.levels.supply import LevelSupply
+from common.policy.compiled import Twin
+from common.policy.player import MAX_TRAINS, network_layout, player
 from common.process import Fatal, Place
-from common.rail.normalise import N_FEATURES
-from common.rail.world import N_ACTIONS
 from common.records import (
     CheckpointFile,
     CheckpointNotice,
@@ -49,6 +50,9 @@ class Evaluator:
             raise Fatal(str(error)) from None
         self._done = {(row.episode, row.level) for row in self._file.rows}
         self._announced = threading.Event()
+        self._levels = LevelSupply.from_folder(bank_root(place.folder.path.parent))
+        self._play = player(place.config.engine, MAX_TRAINS, self._on_step)
+        self._twin = Twin(network_layout(place.config.network))
 
     def run(self) -> None:
         """Serve until told to stop."""
@@ -87,21 +91,20 @@ class Evaluator:
             tensors, metadata = checkpoint.from_bytes(pulled.content, "checkpoint", source=f"checkpoint {episode}")
         except CheckpointError as error:
             raise Fatal(str(error)) from None
-        network = build_network(self._config.network, N_FEATURES, N_ACTIONS, self._config.seed)
-        import_parameters(network, tensors)
+        self._twin.load(tensors)
         for level in self._config.mix:
             if (episode, level) not in self._done:
-                row = self._score(network, episode, level, metadata["digest"])
+                row = self._score(episode, level, metadata["digest"])
                 self._file.append(row)
                 self._file.sync()
                 self._done.add((episode, level))
                 self._place.bus.publish(keys.EVALUATION_ROWS, row)
                 log.info("checkpoint %d on %s: %.4f", episode, level, row.normalised_return)
 
-    def _score(self, network: QNetwork, episode: int, level: Difficulty, weights_digest: str) -> EvaluationRow:
+    def _score(self, episode: int, level: Difficulty, weights_digest: str) -> EvaluationRow:
         begin = time.perf_counter()
         levels = self._config.evaluation.levels
-        score = evaluate(network, level, levels, self._on_step)
+        score = evaluate(self._play, self._twin, self._levels, level, levels)
         return EvaluationRow(
             episode=episode,
             level=level,

@@ -18,6 +18,11 @@ def test_three_actors_give_the_curve_of_one(clusters, undisturbed):
     assert len({row["actor"] for row in rows}) > 1
 
 
+def test_flatland_itself_gives_the_curve_of_the_compiled_world(clusters, undisturbed):
+    clusters.up("stepped", "--engine", "flatland")
+    assert clusters.curve("stepped") == undisturbed
+
+
 def test_a_lag_gives_its_own_curve_every_time(clusters, undisturbed):
     clusters.up("lag-a", "--actors", "easy=3", "--lag", "2")
     clusters.up("lag-b", "--actors", "easy=2", "--lag", "2")

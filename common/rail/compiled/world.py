@@ -3,7 +3,7 @@
 With the defaults it equals `common.rail.flatland_world.FlatlandWorld` episode by episode, to the bit.
 """
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from common.rail.compiled.looking import look, look_at_all
 from common.rail.compiled.malfunctions import Malfunctions
 from common.rail.compiled.paths import number_cells
 from common.rail.compiled.traffic import STUDY, Traffic
-from common.rail.compiled.tree import MOST_PREDICTED_STEPS, N_NODE_FEATURES, nodes_of, sight_of
+from common.rail.compiled.tree import MOST_PREDICTED_STEPS, N_NODE_FEATURES, Sight, nodes_of, sight_of
 
 Rules = Literal["stock", "legacy"]
 Tree = Literal["stock", "legacy", "repaired"]
@@ -27,6 +27,20 @@ PREDICTED_STEPS = 30
 DEEPEST = 3
 _TREES = {"stock": tree_modes.STOCK, "legacy": tree_modes.LEGACY, "repaired": tree_modes.REPAIRED}
 _DECISIONS = {"always": decision_modes.ALWAYS, "legacy": decision_modes.LEGACY, "cells": decision_modes.CELLS}
+
+
+class Parts(NamedTuple):
+    """A world taken apart: its state [E slots], the flags that it keeps [E, N], [E, N], [E], and its modes."""
+
+    batch: Batch
+    sight: Sight
+    deciding: NDArray[np.bool_]
+    arrived: NDArray[np.bool_]
+    over: NDArray[np.bool_]
+    tree: int
+    depth: int
+    decisions: int
+    legacy: bool
 
 
 class CompiledWorld:
@@ -120,6 +134,11 @@ class CompiledWorld:
             raise ValueError(f"no train can stand on the target of train {astray}")
         survey(self.batch, slot, self._decisions, self._deciding, self._arrived, self._over)
         self._seen = None
+
+    def parts(self) -> Parts:
+        """What compiled code needs to run this world itself; valid until the next `load`."""
+        flags = self._deciding, self._arrived, self._over
+        return Parts(self.batch, self._sight, *flags, self._tree, self._depth, self._decisions, self._legacy)
 
     def deciding(self) -> NDArray[np.bool_]:
         return self._deciding.copy()

@@ -60,7 +60,7 @@ def complaint(data):
         ("seed", 2**31, "seed: input should be less than 2147483648, not 2147483648"),
         ("lag", -1, "lag: input should be greater than or equal to 0, not -1"),
         ("lag", 1025, "lag: input should be less than or equal to 1024, not 1025"),
-        ("engine", "stone", "engine: input should be 'flatland', not 'stone'"),
+        ("engine", "stone", "engine: input should be 'compiled' or 'flatland', not 'stone'"),
         ("discount", 0, "discount: input should be greater than 0, not 0"),
         ("discount", 1.5, "discount: input should be less than or equal to 1, not 1.5"),
         ("network.hidden", [0], "network.hidden.0: input should be greater than or equal to 1, not 0"),
@@ -186,11 +186,12 @@ def test_a_configuration_cannot_be_changed():
         config.dqn.batch_size = 5
 
 
-def test_science_is_everything_but_the_cluster():
+def test_science_is_everything_but_the_cluster_and_the_engine():
     config = parse_config(plain())
     other_cluster = parse_config(plain({"cluster": {"actors": {"any": 7}, "cores": 1, "snapshot_every_episodes": 3}}))
     assert other_cluster.science == config.science
-    assert set(config.science) == set(type(config).model_fields) - {"cluster"}
+    assert parse_config(plain({"engine": "flatland"})).science == parse_config(plain({"engine": "compiled"})).science
+    assert set(config.science) == set(type(config).model_fields) - {"cluster", "engine"}
     assert parse_config(plain({"seed": 2})).science != config.science
     assert parse_config(plain({"dqn.learning_rate": 0.002})).science != config.science
 

@@ -111,7 +111,8 @@ def test_a_probe_does_not_turn_a_process_away(folder, monkeypatch):
 
 def test_probes_do_not_take_each_other_for_holders(folder):
     folder.processes.mkdir()
-    with (folder.processes / "learner").open("a+") as probe:
+    (folder.processes / "learner").write_text("77")  # of a process that was killed
+    with (folder.processes / "learner").open("r") as probe:
         locks.fcntl.flock(probe, locks.fcntl.LOCK_SH)
         assert holder(folder, "learner") is None
 

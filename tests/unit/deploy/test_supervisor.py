@@ -219,11 +219,13 @@ def test_a_process_that_starts_has_no_less_patience_than_one_that_runs():
 
 def test_a_router_that_lets_nobody_connect_is_killed_in_the_end():
     mind = running()
-    now, orders = 0.0, []
-    while now < 3 * (HANG_S + START_PATIENCE_S):
-        now += 1.0
-        orders += mind.on(AWAY, now)
-    assert Kill("router") in orders
+    assert mind.on(AWAY, START_PATIENCE_S) == []
+    assert mind.on(AWAY, START_PATIENCE_S + 0.1) == [Kill("router")]
+    assert mind.on(AWAY, 10 * START_PATIENCE_S) == []  # nobody else is to blame
+    mind.on(died("router", code=-9), 10 * START_PATIENCE_S)
+    now = 10 * START_PATIENCE_S + FIRST_BACK_OFF_S
+    assert launched(mind.on(AWAY, now)) == ["router"]
+    assert mind.on(AWAY, now + START_PATIENCE_S) == []  # the new one has as much time
 
 
 # Taking over

@@ -1,0 +1,33 @@
+"""python -m common.policy.compile: compiles the world and the twins, so that no actor's first start has to.
+
+The machine code is kept beside the sources, or in the user's cache where those cannot be written.
+"""
+
+import numpy as np
+
+from common.config import NetworkConfig
+from common.levels.supply import LevelSupply
+from common.policy.compiled import Twin
+from common.policy.networks import build_network, export_parameters
+from common.policy.player import MAX_TRAINS, network_layout
+from common.policy.rollout import Rollouts
+from common.rail.compiled.world import CompiledWorld
+
+
+def main() -> None:
+    """Play one episode whole, and one step by step."""
+    config = NetworkConfig()
+    layout = network_layout(config)
+    twin = Twin(layout)
+    twin.load(export_parameters(build_network(config, layout.n_features, layout.n_actions, seed=0)))
+    level = LevelSupply().training("easy", 0)
+    Rollouts(MAX_TRAINS).play(level, twin, epsilon=0.5, key=0)
+    world = CompiledWorld(1, level.n_trains)
+    world.load(0, level)
+    world.observe_deciding()
+    twin.in_episode(0.5, 0, level.n_trains)(world.observe(0, 0), 0, 0)
+    world.step(np.zeros((1, level.n_trains), np.int8))
+
+
+if __name__ == "__main__":
+    main()
