@@ -36,7 +36,7 @@ from adapters.checkpoints import load_twin
 from common.checkpoint import CheckpointError
 from common.rail.decisions import decision_cells
 from common.rail.flatland_env import ACTIONS, LegacyDriver, StudyRewards, has_way
-from common.rail.from_flatland import level_of
+from common.rail.from_flatland import UnsupportedEnvironmentError, level_of
 from common.rail.legacy_tree import LegacyTree
 from common.rail.normalise import N_FEATURES, normalise
 from common.rail.world import DO_NOTHING, MOVE_FORWARD, N_ACTIONS
@@ -85,6 +85,11 @@ class StudyObservation(ObservationBuilder[RailEnv, TrainView]):
         return self.get_many([handle])[handle]
 
     def get_many(self, handles: list[int] | None = None) -> dict[int, TrainView]:
+        """What these trains are told.
+
+        Raises:
+            click.ClickException: the environment does something that the study's tree does not know.
+        """
         env: Any = self.env
         if self._rails is None:
             self._rails = _Rails(env)
@@ -112,7 +117,10 @@ class _Rails:
     """What the rails of a level say: where trains decide, and what they see."""
 
     def __init__(self, env: RailEnv) -> None:
-        level = level_of(env)
+        try:
+            level = level_of(env)
+        except UnsupportedEnvironmentError as error:
+            raise click.ClickException(f"this environment is not supported: {error}") from None
         self.cells = decision_cells(level.grid)
         self.tree = LegacyTree(level)
         self._width = level.grid.shape[1]
@@ -153,7 +161,13 @@ class CheckpointPolicy(Policy[RailEnv, TrainView, RailEnvActions]):
         self._episode = _Episode([])
 
     def act_many(self, handles: list[int], observations: list[TrainView], **_: Any) -> dict[int, RailEnvActions]:
-        """The actions of all trains of an environment, which come in the order of their handles."""
+        """The actions of all trains of an environment, which come in the order of their handles.
+
+        Raises:
+            click.ClickException: the observations are of another builder.
+        """
+        if not all(isinstance(view, TrainView) for view in observations):
+            raise click.ClickException("this policy needs --obs-builder adapters.flatland_tools.StudyObservation")
         if not self._episode.goes_on(observations):
             self._episode = _Episode(observations, self._twin.in_episode(0.0, 0, len(observations), greedy=True))
         actions = self._episode.act(observations)

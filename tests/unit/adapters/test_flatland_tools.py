@@ -1,0 +1,280 @@
+"""flatland-rl's console commands with our checkpoints, and that trains do in them what they do in training."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import numpy as np
+import pandas as pd
+import pytest
+from flatland.core.env_observation_builder import DummyObservationBuilder
+from flatland.env_generation.env_generator import env_generator
+from flatland.envs.persistence import RailEnvPersister
+from flatland.envs.step_utils.states import TrainState
+
+from adapters.checkpoints import load_twin
+from adapters.flatland_tools import CheckpointPolicy, StudyObservation, StudyRewards, TrainView
+from common import checkpoint
+from common.checkpoint import CheckpointError
+from common.config import NetworkConfig
+from common.levels.export import save_pickle
+from common.levels.supply import LevelSupply
+from common.policy.actor_critic import build_actor_critic
+from common.policy.networks import build_network, export_parameters
+from common.policy.recurrent import build_recurrent_network
+from common.rail.flatland_world import FlatlandEpisode
+from common.rail.normalise import N_FEATURES, normalise
+from common.rail.world import MOVE_FORWARD, N_ACTIONS
+
+ROOT = Path(__file__).parents[3]
+COMMANDS = Path(sys.executable).parent
+CLASSES = [
+    *("--policy", "adapters.flatland_tools.CheckpointPolicy"),
+    *("--obs-builder", "adapters.flatland_tools.StudyObservation"),
+    *("--rewards", "adapters.flatland_tools.StudyRewards"),
+]
+
+
+def write_checkpoint(path, config=NetworkConfig(dueling=True), build=build_network, seed=4):  # noqa: B008  (frozen)
+    """A checkpoint as a run writes it, with random weights: those of seed 4 drive about."""
+    network = build(config, N_FEATURES, N_ACTIONS, seed)
+    science = json.dumps({"algorithm": "any", "network": config.model_dump(mode="json")})
+    checkpoint.save(path, export_parameters(network), {"science": science}, "checkpoint")
+    return path
+
+
+@pytest.fixture
+def policy_of(tmp_path, monkeypatch):
+    def policy(**options):
+        monkeypatch.setenv("RAILCTL_CHECKPOINT", str(write_checkpoint(tmp_path / "weights.safetensors", **options)))
+        return CheckpointPolicy()
+
+    return policy
+
+
+def environment_of(level, tmp_path):
+    save_pickle(tmp_path / "level.pkl", level)
+    return RailEnvPersister.load_new(tmp_path / "level.pkl", obs_builder=StudyObservation(), rewards=StudyRewards())[0]
+
+
+def places_of(env):
+    configurations = [agent.current_configuration for agent in env.agents]
+    return [None if here is None else (*map(int, here[0]), int(here[1])) for here in configurations]
+
+
+def run(env, policy):
+    """The trains' places after every step, [T] lists of N, and the sum of all rewards."""
+    views = env._get_observations()
+    places, rewards = [], 0.0
+    while not env.dones["__all__"]:
+        actions = policy.act_many(env.get_agent_handles(), observations=list(views.values()))
+        views, given, _, _ = env.step(actions)
+        places.append(places_of(env))
+        rewards += sum(given.values())
+    return places, rewards
+
+
+def trained(level, twin):
+    """As `run`, in the world of the study."""
+    episode = FlatlandEpisode(level)
+    choose = twin.in_episode(0.0, 0, level.n_trains, greedy=True)
+    places, rewards = [], 0.0
+    while not episode.over:
+        actions = [
+            choose(normalise(episode.tree(train)), len(places), train) if decides else MOVE_FORWARD
+            for train, decides in enumerate(episode.deciding())
+        ]
+        rewards += sum(episode.step(actions))
+        places.append(episode.configurations())
+    return places, rewards
+
+
+BUILDS = [
+    (NetworkConfig(dueling=True), build_network, 0),
+    (NetworkConfig(hidden=(64, 32), dueling=False), build_network, 0),
+    (NetworkConfig(), build_actor_critic, 2),
+    (NetworkConfig(hidden=(32, 16)), build_recurrent_network, 3),
+]
+
+
+@pytest.mark.parametrize(("difficulty", "index"), [("easy", 4), ("hard", 3), ("hard", 4)])
+@pytest.mark.parametrize(("config", "build", "seed"), BUILDS, ids=["dueling", "plain", "actor-critic", "recurrent"])
+def test_trains_do_as_in_training_a_step_later(policy_of, tmp_path, difficulty, index, config, build, seed):
+    level = LevelSupply().evaluation(difficulty, index)
+    policy = policy_of(config=config, build=build, seed=seed)
+    places, _ = run(environment_of(level, tmp_path), policy)
+    expected, _ = trained(level, load_twin(tmp_path / "weights.safetensors"))
+    assert len({str(place) for row in places for place in row}) > 20  # they drive about
+    assert places[0] == [None] * level.n_trains
+    assert places[1:] == expected[: len(places) - 1]
+    assert len(places) == min(level.max_steps, len(expected) + 1)
+
+
+def test_a_policy_plays_one_episode_after_the_other(policy_of, tmp_path):
+    policy = policy_of(config=NetworkConfig(hidden=(32, 16)), build=build_recurrent_network, seed=1)
+    level = LevelSupply().evaluation("easy", 4)
+    first, second = (run(environment_of(level, tmp_path), policy) for _ in range(2))
+    assert first == second
+
+
+def test_the_rewards_are_the_studys_for_a_step_more(policy_of, tmp_path):
+    level = LevelSupply().evaluation("easy", 4)
+    env = environment_of(level, tmp_path)
+    _, rewards = run(env, policy_of())
+    arrived = [agent.state == TrainState.DONE for agent in env.agents]
+    assert any(arrived)
+    assert not all(arrived)
+    _, expected = trained(level, load_twin(tmp_path / "weights.safetensors"))
+    assert rewards == expected - sum(arrived)  # the step limit takes the others' last step
+    assert StudyRewards().normalize(-3.0, -1.0, num_agents=2, max_episode_steps=4) == -0.5
+
+
+def test_it_plays_levels_with_slow_trains_timetables_and_malfunctions(policy_of):
+    env, _, _ = env_generator(
+        n_agents=5,
+        seed=5,
+        malfunction_interval=30,
+        obs_builder_object=StudyObservation(),
+        rewards=StudyRewards(),
+    )
+    places, _ = run(env, policy_of())
+    assert len({str(place) for row in places for place in row}) > 20
+    assert any(agent.malfunction_handler.num_malfunctions for agent in env.agents)
+
+
+def test_a_train_is_seen_and_decides_as_the_study_says(tmp_path):
+    level = LevelSupply().evaluation("easy", 0)
+    env = environment_of(level, tmp_path)
+    waiting = env._get_observations()[0]
+    assert (waiting.step, waiting.place, waiting.deciding, waiting.broken) == (0, None, False, False)
+    ready = env.step({})[0][0]
+    assert (ready.step, ready.place, ready.deciding) == (1, None, True)
+    np.testing.assert_array_equal(ready.vector, normalise(FlatlandEpisode(level).tree(0)))
+    assert env.obs_builder.get(1).step == 1
+
+
+def test_a_policy_refuses_other_observations_and_environments(policy_of, tmp_path):
+    env = environment_of(LevelSupply().evaluation("easy", 0), tmp_path)
+    env.obs_builder = DummyObservationBuilder()
+    with pytest.raises(click.ClickException, match="needs --obs-builder adapters"):
+        run(env, policy_of())
+    env.obs_builder = StudyObservation()
+    env.obs_builder.reset(env)
+    env.remove_agents_at_target = False
+    with pytest.raises(click.ClickException, match="not supported: trains stay on the map at their targets"):
+        run(env, policy_of())
+
+
+def drop(tensors, metadata):
+    del tensors["hidden.0.bias"]
+
+
+def widen(tensors, metadata):
+    tensors["hidden.0.weight"] = np.zeros((128, 60), np.float32)
+
+
+def silence(tensors, metadata):
+    metadata["science"] = "{}"
+
+
+def empty(tensors, metadata):
+    tensors.clear()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (drop, "tensor hidden.0.bias is missing"),
+        (widen, r"tensor hidden.0.weight has shape \(128, 60\), not \(128, 252\)"),
+        (silence, "says nothing of its network"),
+        (empty, "holds no network that acts"),
+    ],
+)
+def test_a_checkpoint_that_does_not_fit_is_refused_in_a_line(tmp_path, spoil, message):
+    path = write_checkpoint(tmp_path / "weights.safetensors")
+    tensors, metadata = checkpoint.load(path, "checkpoint")
+    metadata = {"science": metadata["science"]}
+    spoil(tensors, metadata)
+    checkpoint.save(path, tensors, metadata, "checkpoint")
+    with pytest.raises(CheckpointError, match=message) as caught:
+        load_twin(path)
+    assert "\n" not in str(caught.value)
+
+
+def command(folder, name, *arguments, **environment):
+    path = os.pathsep.join([str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)])
+    return subprocess.run(
+        [str(COMMANDS / name), *arguments],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": path} | environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
+def test_the_console_commands_generate_and_evaluate_a_trajectory(tmp_path):
+    level = LevelSupply().evaluation("easy", 4)
+    save_pickle(tmp_path / "level.pkl", level)
+    path = write_checkpoint(tmp_path / "weights.safetensors")
+    (tmp_path / "data").mkdir()
+    where = ["--data-dir", "data", "--ep-id", "one"]
+    generated = command(
+        tmp_path,
+        "flatland-trajectory-generate-from-policy",
+        *where,
+        *CLASSES,
+        *("--env-path", "level.pkl", "--snapshot-interval", "0"),
+        RAILCTL_CHECKPOINT=str(path),
+    )
+    assert generated.returncode == 0, generated.stderr
+    logs = tmp_path / "data" / "event_logs"
+    table = pd.read_csv(logs / "TrainMovementEvents.trains_rewards_dones_infos.tsv", sep="\t")
+    expected, _ = trained(level, load_twin(path))
+    assert table["env_time"].max() == min(level.max_steps, len(expected) + 1)
+    assert len(table) == table["env_time"].max() * level.n_trains
+    arrivals = pd.read_csv(logs / "TrainMovementEvents.trains_arrived.tsv", sep="\t")
+    normalised = table["reward"].sum() / level.n_trains / level.max_steps
+    assert arrivals["normalized_reward"].item() == pytest.approx(normalised)
+    evaluated = command(tmp_path, "flatland-trajectory-evaluate", *where, *CLASSES[-2:])
+    assert evaluated.returncode == 0, evaluated.stderr
+    assert f"{arrivals['success_rate'].item() * 100}% trains arrived" in evaluated.stdout
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "no.safetensors: no such file: check the path and the run's folder"),
+        (
+            b"no checkpoint",
+            "no.safetensors: not a safetensors file: it is truncated or of another program, use another",
+        ),
+    ],
+)
+def test_a_bad_checkpoint_is_one_line_on_the_terminal(tmp_path, content, message):
+    save_pickle(tmp_path / "level.pkl", LevelSupply().evaluation("easy", 0))
+    if content is not None:
+        (tmp_path / "no.safetensors").write_bytes(content)
+    (tmp_path / "data").mkdir()
+    arguments = ["--data-dir", "data", *CLASSES, "--env-path", "level.pkl"]
+    failed = command(
+        tmp_path, "flatland-trajectory-generate-from-policy", *arguments, RAILCTL_CHECKPOINT="no.safetensors"
+    )
+    assert failed.returncode == 1
+    assert failed.stderr.splitlines()[-1].startswith(f"Error: {message}")
+    assert "Traceback" not in failed.stderr
+
+
+def test_without_a_checkpoint_the_policy_says_what_to_set(monkeypatch):
+    monkeypatch.delenv("RAILCTL_CHECKPOINT", raising=False)
+    with pytest.raises(click.ClickException, match="RAILCTL_CHECKPOINT is not set"):
+        CheckpointPolicy()
+
+
+def test_views_of_no_train_are_no_episode(policy_of):
+    view = TrainView(0, None, deciding=False, broken=False, ways=(False,) * 5, vector=np.zeros(N_FEATURES, np.float32))
+    assert len(policy_of().act_many([0], [view])) == 1
