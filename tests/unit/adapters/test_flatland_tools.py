@@ -1,11 +1,5 @@
 """flatland-rl's console commands with our checkpoints, and that trains do in them what they do in training."""
 
-import json
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import click
 import numpy as np
 import pandas as pd
@@ -14,6 +8,7 @@ from flatland.core.env_observation_builder import DummyObservationBuilder
 from flatland.env_generation.env_generator import env_generator
 from flatland.envs.persistence import RailEnvPersister
 from flatland.envs.step_utils.states import TrainState
+from terminal import run_command, write_checkpoint
 
 from adapters.checkpoints import load_twin
 from adapters.flatland_tools import CheckpointPolicy, StudyObservation, StudyRewards, TrainView
@@ -23,27 +18,17 @@ from common.config import NetworkConfig
 from common.levels.export import save_pickle
 from common.levels.supply import LevelSupply
 from common.policy.actor_critic import build_actor_critic
-from common.policy.networks import build_network, export_parameters
+from common.policy.networks import build_network
 from common.policy.recurrent import build_recurrent_network
 from common.rail.flatland_world import FlatlandEpisode
 from common.rail.normalise import N_FEATURES, normalise
-from common.rail.world import MOVE_FORWARD, N_ACTIONS
+from common.rail.world import MOVE_FORWARD
 
-ROOT = Path(__file__).parents[3]
-COMMANDS = Path(sys.executable).parent
 CLASSES = [
     *("--policy", "adapters.flatland_tools.CheckpointPolicy"),
     *("--obs-builder", "adapters.flatland_tools.StudyObservation"),
     *("--rewards", "adapters.flatland_tools.StudyRewards"),
 ]
-
-
-def write_checkpoint(path, config=NetworkConfig(dueling=True), build=build_network, seed=4):  # noqa: B008  (frozen)
-    """A checkpoint as a run writes it, with random weights: those of seed 4 drive about."""
-    network = build(config, N_FEATURES, N_ACTIONS, seed)
-    science = json.dumps({"algorithm": "any", "network": config.model_dump(mode="json")})
-    checkpoint.save(path, export_parameters(network), {"science": science}, "checkpoint")
-    return path
 
 
 @pytest.fixture
@@ -204,26 +189,13 @@ def test_a_checkpoint_that_does_not_fit_is_refused_in_a_line(tmp_path, spoil, me
     assert "\n" not in str(caught.value)
 
 
-def command(folder, name, *arguments, **environment):
-    path = os.pathsep.join([str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)])
-    return subprocess.run(
-        [str(COMMANDS / name), *arguments],
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": path} | environment,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-
-
 def test_the_console_commands_generate_and_evaluate_a_trajectory(tmp_path):
     level = LevelSupply().evaluation("easy", 4)
     save_pickle(tmp_path / "level.pkl", level)
     path = write_checkpoint(tmp_path / "weights.safetensors")
     (tmp_path / "data").mkdir()
     where = ["--data-dir", "data", "--ep-id", "one"]
-    generated = command(
+    generated = run_command(
         tmp_path,
         "flatland-trajectory-generate-from-policy",
         *where,
@@ -240,7 +212,7 @@ def test_the_console_commands_generate_and_evaluate_a_trajectory(tmp_path):
     arrivals = pd.read_csv(logs / "TrainMovementEvents.trains_arrived.tsv", sep="\t")
     normalised = table["reward"].sum() / level.n_trains / level.max_steps
     assert arrivals["normalized_reward"].item() == pytest.approx(normalised)
-    evaluated = command(tmp_path, "flatland-trajectory-evaluate", *where, *CLASSES[-2:])
+    evaluated = run_command(tmp_path, "flatland-trajectory-evaluate", *where, *CLASSES[-2:])
     assert evaluated.returncode == 0, evaluated.stderr
     assert f"{arrivals['success_rate'].item() * 100}% trains arrived" in evaluated.stdout
 
@@ -261,7 +233,7 @@ def test_a_bad_checkpoint_is_one_line_on_the_terminal(tmp_path, content, message
         (tmp_path / "no.safetensors").write_bytes(content)
     (tmp_path / "data").mkdir()
     arguments = ["--data-dir", "data", *CLASSES, "--env-path", "level.pkl"]
-    failed = command(
+    failed = run_command(
         tmp_path, "flatland-trajectory-generate-from-policy", *arguments, RAILCTL_CHECKPOINT="no.safetensors"
     )
     assert failed.returncode == 1
