@@ -265,7 +265,7 @@ def open_router(endpoint: str) -> Iterator[None]:
 def _open(settings: dict[str, Any]) -> Any:
     zenoh.init_log_from_env_or("error")
     base: dict[str, Any] = {
-        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "transport": {
             # A suspended reader was seen to get one message with the bytes of a later one.
             "shared_memory": {"enabled": False},

@@ -87,7 +87,7 @@ class RunFolder:
         try:
             cluster = json.loads(self.cluster_file.read_text())
             return str(cluster["endpoint"]), str(cluster["namespace"])
-        except (OSError, ValueError, KeyError):
+        except (OSError, ValueError, KeyError, TypeError):
             raise NoAnswer(f"run {self.path.name} has no cluster: start one with railctl up") from None
 
 

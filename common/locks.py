@@ -50,10 +50,21 @@ def holder(folder: RunFolder, name: str) -> int | None:
                 fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
             except BlockingIOError:
                 content = file.read()
-                return int(content) if content.isdigit() else None
+                return int(content) if content.isdigit() and _lives(int(content)) else None
     except FileNotFoundError:
         pass
     return None
+
+
+def _lives(pid: int) -> bool:
+    """False for a pid that a dead holder left behind, in the instant before the new holder writes its own."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 def living(folder: RunFolder) -> dict[str, int]:

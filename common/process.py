@@ -82,19 +82,25 @@ class Place:
 
 @contextmanager
 def take_place(folder: RunFolder, name: str, role: Role) -> Iterator[Place]:
-    """Join the run as the only process of this name: configuration, bus, liveliness token, heartbeat."""
+    """Join the run as the only process of this name."""
     stopping = Stopping()
-    with sole(folder, name):
-        config = folder.config()
-        endpoint, namespace = folder.endpoint_and_namespace()
-        incarnation = uuid.uuid4().hex[:16]
-        with open_bus(endpoint, namespace) as bus:
-            bus.declare_alive(Alive(role, name, incarnation))
-            heart = Heart(bus, name, role)
-            heart.beat("starting")
-            log.info("%s started as process %d", name, os.getpid())
-            yield Place(folder, config, name, incarnation, bus, heart, stopping)
-            log.info("%s ends", name)
+    with sole(folder, name), join(folder, name, role, stopping) as place:
+        yield place
+
+
+@contextmanager
+def join(folder: RunFolder, name: str, role: Role, stopping: Stopping) -> Iterator[Place]:
+    """Join the run, having the name's lock: configuration, bus, liveliness token, heartbeat."""
+    config = folder.config()
+    endpoint, namespace = folder.endpoint_and_namespace()
+    incarnation = uuid.uuid4().hex[:16]
+    with open_bus(endpoint, namespace) as bus:
+        bus.declare_alive(Alive(role, name, incarnation))
+        heart = Heart(bus, name, role)
+        heart.beat("starting")
+        log.info("%s started as process %d", name, os.getpid())
+        yield Place(folder, config, name, incarnation, bus, heart, stopping)
+        log.info("%s ends", name)
 
 
 def run_service(main: Callable[[], None]) -> None:

@@ -1,8 +1,8 @@
 """Keyed, counter-based randomness: a draw is a function of (seed, index, purpose, counter), never of a process.
 
 The generator is SplitMix64 (Steele, Lea & Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014)
-read at a counter: draw `n` of a stream is `mix(key + n * GAMMA)`. Any draw can be had without the ones before it, so
-what an episode does never depends on who else acts, in which order, or in which batch.
+read at a counter: draw `n` of a stream is `mix(key + (n + 1) * GAMMA)`. Any draw can be had without the ones before
+it, so what an episode does never depends on who else acts, in which order, or in which batch.
 """
 
 import hashlib

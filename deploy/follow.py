@@ -68,9 +68,10 @@ def outcome_of(folder: RunFolder) -> tuple[RunState, str]:
     """How a run that is not running ended, and why."""
     try:
         data = json.loads(folder.outcome_file.read_text())
-    except (OSError, ValueError):
+        outcome, reason = data["outcome"], data["reason"]
+    except (OSError, ValueError, KeyError, TypeError):
         return "stopped", "its supervisor ended without a word: railctl up resumes the run"
-    return data["outcome"], data["reason"]
+    return outcome, reason
 
 
 def _unsupervised(name: str, pid: int) -> ProcessStatus:

@@ -131,9 +131,10 @@ def write_cluster_file(folder: RunFolder, config: RunConfig, actors: Mapping[str
     """
     try:
         cluster = json.loads(folder.cluster_file.read_text())
-    except (OSError, ValueError):
+        cluster["namespace"], cluster["actors"]
+    except (OSError, ValueError, KeyError, TypeError):
         cluster = {"namespace": f"railctl/{uuid.uuid4().hex[:12]}", "actors": dict(config.cluster.actors)}
-    if not living(folder):
+    if "endpoint" not in cluster or not living(folder):
         cluster["endpoint"] = f"tcp/{LOOPBACK}:{config.cluster.port or free_port()}"
     if actors is not None:
         cluster["actors"] = dict(actors)

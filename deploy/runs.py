@@ -27,7 +27,7 @@ def all_runs() -> list[RunFolder]:
     root = runs_root()
     if not root.is_dir():
         return []
-    found = [path for path in root.iterdir() if (path / "config.yaml").exists()]
+    found = [path for path in root.iterdir() if path.name[0] != "." and (path / "config.yaml").exists()]
     return [RunFolder(path) for path in sorted(found, key=lambda path: (path / "config.yaml").stat().st_mtime)]
 
 

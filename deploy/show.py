@@ -31,7 +31,7 @@ def view(status: Status, evaluations: Sequence[EvaluationRow]) -> RenderableType
     parts.append(process_table(status))
     parts += [Text(f"! {problem}", style="yellow") for problem in status.problems[-SHOWN_PROBLEMS:]]
     return Panel(
-        Group(*parts), title=f"railctl  {status.run}", subtitle="Ctrl-C stops cleanly", expand=False, width=100
+        Group(*parts), title=f"railctl  {status.run}", subtitle="Ctrl-C stops cleanly", expand=False, width=108
     )
 
 

@@ -21,11 +21,12 @@ from common.folder import RunFolder, write_atomically
 from common.locks import holder, living, sole
 from common.process import EXIT_RUNS_ALREADY, Stopping, run_service
 from common.records import CommandAnswer, Empty, EpisodeRow, Heartbeat, ScaleRequest, Status
-from common.rows import read_rows
+from common.rows import DamagedRows, read_rows
 from common.wire import keys
 from deploy.launch import draw_curve
 from deploy.overview import overview, run_is_complete
 from deploy.plan import ENVIRONMENT, ProcessSpec, actors, cluster
+from deploy.runs import Failed
 from deploy.supervisor import (
     Adopted,
     Beat,
@@ -66,6 +67,7 @@ class Runner:
         self._beats: dict[str, tuple[Heartbeat, float]] = {}
         self._inbox: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._bus: Bus | None = None
+        self._log_starts: dict[str, int] = {}
         self._quit: Quit | None = None
 
     def run(self, stopping: Stopping) -> Quit:
@@ -122,7 +124,7 @@ class Runner:
             if code == EXIT_RUNS_ALREADY and (pid := holder(self._folder, name)) is not None:
                 self._adopt(name, pid)  # an earlier supervisor's, which had not taken its place yet
             else:
-                self._tell(Exited(name, code, last_words(self._folder, name)))
+                self._tell(Exited(name, code, last_words(self._folder, name, self._log_starts.get(name, 0))))
 
     def _adopt(self, name: str, pid: int) -> None:
         log.info("takes over %s, process %d", name, pid)
@@ -171,6 +173,7 @@ class Runner:
 
     def _launch(self, spec: ProcessSpec) -> None:
         with (self._folder.logs / f"{spec.name}.log").open("ab") as output:
+            self._log_starts[spec.name] = output.tell()
             child = subprocess.Popen(
                 spec.command(self._folder.path),
                 stdin=subprocess.DEVNULL,
@@ -193,10 +196,12 @@ class Runner:
                 log.info("%s is gone already", process)
 
 
-def last_words(folder: RunFolder, name: str) -> str:
-    """The last error in a process's log, or its last line, short."""
+def last_words(folder: RunFolder, name: str, start: int = 0) -> str:
+    """The last error in a process's log from byte `start` on, or its last line, short."""
     try:
-        lines = (folder.logs / f"{name}.log").read_text(errors="replace").splitlines()[-50:]
+        with (folder.logs / f"{name}.log").open("rb") as file:
+            file.seek(start)
+            lines = file.read().decode(errors="replace").splitlines()[-50:]
     except OSError:
         return ""
     errors = [line.split(": ", 1)[1] for line in lines if " ERROR " in line and ": " in line]
@@ -216,10 +221,13 @@ def main() -> None:
         log.info("supervises %s on cores %s", folder.path.name, cores)
         end = runner.run(stopping)
         log.info("run %s: %s", end.outcome, end.reason)
-        if read_rows(folder.episodes_file, EpisodeRow):
-            log.info("drew %s", draw_curve(folder))
         outcome = {"outcome": end.outcome, "reason": end.reason}
         write_atomically(folder.outcome_file, json.dumps(outcome))
+        try:
+            if read_rows(folder.episodes_file, EpisodeRow):
+                log.info("drew %s", draw_curve(folder))
+        except (DamagedRows, Failed) as error:
+            log.warning("%s", error)
 
 
 if __name__ == "__main__":

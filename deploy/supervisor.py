@@ -121,6 +121,7 @@ class Supervisor:
         self.wards = {spec.name: Ward(spec) for spec in specs}
         self.stopping: Quit | None = None
         self.problems: list[str] = []
+        self._times_asked = 0  # by the user, to stop
         self._wanted = set(self.wards)
         self._limits = limits
         self._connected = False
@@ -158,7 +159,8 @@ class Supervisor:
             elif self._overdue(ward, now):
                 orders.append(Kill(ward.spec.name))
                 if ward.state in ("starting", "running"):
-                    self._note(f"{ward.spec.name} gave no sign of life for {self._patience_s(ward):g} s: killed")
+                    silent = f"gave no sign of life for {self._patience_s(ward):g} s"
+                    self._note(f"{ward.spec.name} {silent if self._connected else 'lets nobody connect'}: killed")
                     ward.state, ward.since = "hung", now
         return orders
 
@@ -247,9 +249,10 @@ class Supervisor:
         return orders
 
     def _on_stop_asked(self, outcome: Literal["finished", "stopped"], now: float) -> list[Order]:
+        self._times_asked += outcome == "stopped"
         if self.stopping is None:
             return self._stop(Quit(outcome, ""), now)
-        if outcome == "finished":
+        if outcome == "finished" or self._times_asked < 2:
             return []
         return [Kill(name) for name, ward in self.wards.items() if ward.state != "waiting"]
 

@@ -59,12 +59,12 @@ class Archive:
         tensors: Tensors | None = None
         if newest is not None:
             tensors, metadata = newest
-            if metadata["science"] != self._science:
+            if metadata.get("science") != self._science:
                 raise Fatal("the newest snapshot has another configuration: restore config.yaml or use a new run name")
-            self.snapshot = int(metadata["episode"])
-            if metadata["arithmetic"] != arithmetic():
+            self.snapshot = int(metadata.get("episode", "0"))
+            if metadata.get("arithmetic") != arithmetic():
                 self.exact_until = self.snapshot
-                log.warning("exactness ends at episode %d: snapshot %s", self.snapshot, metadata["arithmetic"])
+                log.warning("exactness ends at episode %d: snapshot %s", self.snapshot, metadata.get("arithmetic"))
         if [row.episode for row in self.rows[: self.snapshot]] != list(range(self.snapshot)):
             raise Fatal(
                 f"{self._folder.episodes_file} does not hold the {self.snapshot} episodes of the newest snapshot: "

@@ -10,8 +10,9 @@ from functools import partial
 from typing import Any
 
 from common.bus import Question
+from common.checkpoint import Tensors
 from common.config import Difficulty, RunConfig
-from common.process import Place
+from common.process import Fatal, Place
 from common.rail.normalise import N_FEATURES
 from common.rail.world import N_ACTIONS
 from common.records import (
@@ -44,6 +45,7 @@ log = logging.getLogger(__name__)
 LONG_POLL_S = 2.0  # an answer without work goes out after this
 RATE_WINDOW_S = 30.0
 HISTORY_CHUNK = 1000
+OLDER = "weights/"  # what the names of older weights begin with in a snapshot
 
 
 @dataclass
@@ -69,16 +71,28 @@ class Learner:
             n_features=N_FEATURES,
             n_actions=N_ACTIONS,
         )
+        self._weights: dict[int, Weights] = {}
         snapshot = self._archive.resume()
         if snapshot is not None:
-            self._trainer.restore(snapshot)
+            self._restore(snapshot)
         self._ledger = Ledger(difficulties(self._config), self._config.lag, trained=self._archive.snapshot)
         self._inbox: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._parked: dict[str, Parked] = {}
-        self._weights: dict[int, Weights] = {}
         self._paused = place.folder.paused_file.exists()
         self._pace: deque[tuple[float, int]] = deque([(time.monotonic(), 0)])
         self._rejected = 0
+
+    def _restore(self, snapshot: Tensors) -> None:
+        """Go on from a snapshot: the trainer's state, and the older weights that episodes to come still act with."""
+        older: dict[int, Tensors] = {}
+        for name in [name for name in snapshot if name.startswith(OLDER)]:
+            version, _, parameter = name.removeprefix(OLDER).partition("/")
+            older.setdefault(int(version), {})[parameter] = snapshot.pop(name)
+        self._weights = {version: Weights(version=version, tensors=tensors) for version, tensors in older.items()}
+        try:
+            self._trainer.restore(snapshot)
+        except ValueError as error:
+            raise Fatal(f"the newest snapshot does not fit this version: {error}: use the one that wrote it") from None
 
     def run(self) -> None:
         """Serve until told to stop; then leave a snapshot that holds everything."""
@@ -269,7 +283,13 @@ class Learner:
 
     def _save_snapshot(self) -> None:
         kept = 1 if self._ledger.finished else KEPT_SNAPSHOTS
-        self._archive.save_snapshot(self._trainer.state(), self._ledger.trained, kept)
+        trained = self._ledger.trained
+        older = {
+            f"{OLDER}{version}/{name}": array
+            for version in range(max(0, trained - self._config.lag), trained)
+            for name, array in self._weights[version].tensors.items()
+        }
+        self._archive.save_snapshot(self._trainer.state() | older, trained, kept)
 
     def _save_checkpoint(self) -> str:
         path = self._archive.save_checkpoint(self._trainer.weights(), self._ledger.trained)

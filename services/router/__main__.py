@@ -5,7 +5,8 @@ from pathlib import Path
 
 from common.bus import open_router
 from common.folder import RunFolder
-from common.process import run_service, take_place
+from common.locks import sole
+from common.process import Stopping, join, run_service
 
 LOOK_S = 0.2
 
@@ -15,7 +16,9 @@ def main() -> None:
     parser.add_argument("--run", type=Path, required=True, help="the run's folder")
     folder = RunFolder(parser.parse_args().run)
     endpoint, _ = folder.endpoint_and_namespace()
-    with open_router(endpoint), take_place(folder, "router", "router") as place:
+    stopping = Stopping()
+    # The name comes before the port: a second router gives way to the first instead of failing.
+    with sole(folder, "router"), open_router(endpoint), join(folder, "router", "router", stopping) as place:
         while not place.stopping.asked:
             place.heart.beat("routing")
             place.stopping.wait(LOOK_S)

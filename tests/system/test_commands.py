@@ -70,8 +70,8 @@ def test_a_damaged_snapshot_ends_the_run_with_its_name(clusters, tail):
     clusters.up("damaged", "--detach")
     rows = tail("damaged")
     rows.until(5)
-    newest = max(clusters.folder("damaged").snapshots.glob("*.safetensors"))
     clusters.railctl("pause", "damaged")
+    newest = max(clusters.folder("damaged").snapshots.glob("*.safetensors"))
     content = bytearray(newest.read_bytes())
     content[-1] ^= 1
     newest.write_bytes(content)
