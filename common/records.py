@@ -108,15 +108,10 @@ class Episode(Record):
             values = getattr(self, field)
             if values.size and (values.min() < 0 or values.max() >= limit):
                 raise ValueError(f"{field}: wants values in 0..{limit - 1}")
-        if (np.diff(self.times.astype(np.int64) * trains + self.trains) <= 0).any():
-            raise ValueError("times: decisions are not in the order of (time, train)")
         if not 1 <= steps <= self.max_steps or trains < 1:
             raise ValueError(f"rewards: wants 1..{self.max_steps} steps of at least one train, got {steps} of {trains}")
         if self.arrived_at.min() < -1 or self.arrived_at.max() >= steps:
             raise ValueError(f"arrived_at: wants values in -1..{steps - 1}")
-        arrivals = self.arrived_at[self.trains]
-        if ((arrivals >= 0) & (self.times > arrivals)).any():
-            raise ValueError("times: a train decides after its arrival")
         return self
 
     @property

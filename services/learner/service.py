@@ -37,6 +37,7 @@ from common.wire import keys
 from common.wire.keys import Alive
 from services.learner.archive import KEPT_SNAPSHOTS, Archive
 from services.learner.ledger import Ledger
+from services.learner.replay.transitions import check_order
 from services.learner.schedule import difficulties
 from services.learner.training import Trainer
 
@@ -162,6 +163,10 @@ class Learner:
                 return f"{field} is {getattr(episode, field)}, its lease says {getattr(lease, field)}"
         if episode.observations.shape[1] != N_FEATURES:
             return f"observations have {episode.observations.shape[1]} features, the network takes {N_FEATURES}"
+        try:
+            check_order(episode)
+        except ValueError as reason:
+            return str(reason)
         return None
 
     def _on_lease(self, question: Question[LeaseRequest, LeaseAnswer]) -> None:

@@ -65,7 +65,7 @@ def transitions(episode: Episode, discount: float) -> Transitions:
     Raises:
         ValueError: the decisions are out of order, or a train decides after its arrival.
     """
-    _check_order(episode)
+    check_order(episode)
     by_train = np.lexsort((episode.times, episode.trains))  # a train's decisions lie together, in time
     trains = episode.trains[by_train].astype(np.int64)
     begin = episode.times[by_train].astype(np.int64)
@@ -88,7 +88,8 @@ def transitions(episode: Episode, discount: float) -> Transitions:
     )
 
 
-def _check_order(episode: Episode) -> None:
+def check_order(episode: Episode) -> None:
+    """Raises ValueError for decisions out of the order of (time, train), or after their train has arrived."""
     times, trains = episode.times.astype(np.int64), episode.trains
     place = times * episode.rewards.shape[1] + trains
     if not (np.diff(place) > 0).all():
