@@ -11,8 +11,8 @@ install: $(VENV)/installed
 
 $(VENV)/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --constraint constraints.txt torch==2.13.0
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/pip install --quiet --no-compile --constraint constraints.txt torch==2.13.0
+	$(BIN)/pip install --quiet --no-compile --constraint constraints.txt --editable '.[dev]'
 	$(BIN)/python -m common.policy.compile
 	touch $@
 
@@ -28,7 +28,7 @@ check: install
 	$(BIN)/lint-imports
 
 test: check
-	$(TEST_ENVIRONMENT) $(BIN)/pytest -m 'not slow and not parity'
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -n 2 --dist loadfile -m 'not slow and not parity'
 
 parity: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m parity tests/parity
