@@ -105,7 +105,7 @@ def import_(
     group: Annotated[str | None, typer.Option(help="Put all levels into one group of this name.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Gather levels in a .npz file, which evaluate takes with --levels; speeds and timetables are left out."""
+    """Gather levels of flatland-rl pickles or .npz files in one .npz file; speeds and timetables are left out."""
     result = run_task(
         "import", *map(str, files), *_option("--group", group), *_option("--output", output), quiet=as_json
     )
