@@ -20,6 +20,7 @@ from common.wire.keys import HEARTBEATS, Alive
 log = logging.getLogger(__name__)
 
 HEARTBEAT_EVERY_S = 1.0
+STARTING = "starting"  # the state before the heavy imports, which take seconds without a beat
 EXIT_FATAL = 3  # starting this process again cannot help: its supervisor stops the run and shows the last line
 EXIT_RUNS_ALREADY = 4  # another process has the name: its supervisor looks after that one instead
 STRETCH_S = 0.05
@@ -97,7 +98,7 @@ def join(folder: RunFolder, name: str, role: Role, stopping: Stopping) -> Iterat
     with open_bus(endpoint, namespace) as bus:
         bus.declare_alive(Alive(role, name, incarnation))
         heart = Heart(bus, name, role)
-        heart.beat("starting")
+        heart.beat(STARTING)
         log.info("%s started as process %d", name, os.getpid())
         yield Place(folder, config, name, incarnation, bus, heart, stopping)
         log.info("%s ends", name)

@@ -19,7 +19,7 @@ from pathlib import Path
 from common.bus import Bus, NoAnswer, Question, open_bus
 from common.folder import RunFolder, write_atomically
 from common.locks import holder, living, sole
-from common.process import EXIT_RUNS_ALREADY, Stopping, run_service
+from common.process import EXIT_RUNS_ALREADY, STARTING, Stopping, run_service
 from common.records import CommandAnswer, Empty, EpisodeRow, Heartbeat, ScaleRequest, Status
 from common.rows import DamagedRows, read_rows
 from common.wire import keys
@@ -133,7 +133,8 @@ class Runner:
 
     def _on_beat(self, beat: Heartbeat) -> None:
         self._beats[beat.process] = (beat, time.time())
-        self._tell(Beat(beat.process))
+        if beat.state != STARTING:
+            self._tell(Beat(beat.process))
 
     def _on_status(self, question: Question[Empty, Status]) -> None:
         question.answer(self.status())
