@@ -99,8 +99,7 @@ class Tail:
 
     def rest(self) -> None:
         """Read to the end of the run."""
-        output, _ = self.process.communicate()
-        self.rows += [json.loads(line) for line in output.splitlines()]
+        self.rows += [json.loads(line) for line in self.process.stdout]  # communicate() would lose what is buffered
 
     def close(self) -> None:
         """End the command if it goes on."""
