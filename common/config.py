@@ -5,7 +5,7 @@ carried out. Every part of the system receives its own section, never the tree.
 """
 
 import difflib
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -32,31 +32,58 @@ class Strict(BaseModel):
 class NetworkConfig(Strict):
     """Layers of the network that all trains share."""
 
+    kind: Literal["plain", "dueling", "recurrent", "actor-critic"] = "plain"
     hidden: tuple[Annotated[int, Field(ge=1, le=4096)], ...] = Field(default=(128, 128), min_length=1, max_length=8)
-    dueling: bool = False  # Wang et al. 2016
+
+
+class ReplayConfig(Strict):
+    """What is kept to learn from again; `alpha` and `beta` belong to `prioritized` (Schaul et al. 2016)."""
+
+    kind: Literal["uniform", "prioritized"] = "uniform"
+    capacity: int = Field(ge=1, le=10_000_000)  # transitions
+    alpha: float = Field(default=0.6, ge=0, le=1)  # exponent of the priorities; 0 is uniform
+    beta: float = Field(default=0.4, ge=0, le=1)  # exponent of the importance weights, growing to 1 over the run
 
 
 class DqnConfig(Strict):
-    """Deep Q-learning and its variants (Mnih et al. 2015)."""
+    """Deep Q-learning and its variants (Mnih et al. 2015), recurrent ones too (Hausknecht & Stone 2015)."""
 
     learning_rate: Positive
     batch_size: int = Field(ge=1, le=65536)
     learn_every_steps: int = Field(ge=1)  # environment steps between two updates
-    replay_capacity: int = Field(ge=1, le=10_000_000)  # transitions
     target_tau: Share | None = None  # share of the online network that the target takes per update; none: no target
     double: bool = False  # the online network picks, the target network scores (van Hasselt et al. 2016)
+    sequence_decisions: int = Field(default=8, ge=1, le=1000)  # a train's last, for recurrent networks only
 
     @model_validator(mode="after")
-    def _batch_fits_in_replay(self) -> Self:
-        if self.batch_size > self.replay_capacity:
-            raise ValueError(f"batch_size {self.batch_size} exceeds replay_capacity {self.replay_capacity}")
+    def _double_has_a_target(self) -> Self:
         if self.double and self.target_tau is None:
             raise ValueError("double needs a target network: set target_tau")
         return self
 
 
+class PpoConfig(Strict):
+    """Proximal policy optimisation (Schulman et al. 2017), its critic clipped as well."""
+
+    learning_rate: Positive
+    epochs: int = Field(ge=1, le=1000)  # updates an episode
+    batch_size: int | None = Field(default=None, ge=1, le=65536)  # drawn from the replay; none: the whole episode
+    clip: Positive = 0.2  # of the ratio of probabilities, and of the change of a value
+    value_weight: float = Field(default=0.5, ge=0, allow_inf_nan=False)
+    entropy_weight: float = Field(default=0.01, ge=0, allow_inf_nan=False)
+    max_gradient_norm: Positive = 0.5
+
+
+class SilConfig(Strict):
+    """Self-imitation learning (Oh et al. 2018), after the updates of `PpoConfig` and with its learning rate."""
+
+    epochs: int = Field(ge=1, le=1000)  # updates an episode
+    batch_size: int = Field(ge=1, le=65536)
+    value_weight: float = Field(default=0.01, ge=0, allow_inf_nan=False)
+
+
 class ExplorationConfig(Strict):
-    """Epsilon-greedy: geometric decay from `epsilon_start` to `epsilon_end` over `decay_share` of the episodes."""
+    """Epsilon-greedy, for action values: epsilon falls geometrically over `decay_share` of the episodes."""
 
     epsilon_start: float = Field(default=0.9, ge=0, le=1)
     epsilon_end: float = Field(default=0.01, gt=0, le=1)
@@ -93,14 +120,19 @@ class RunConfig(Strict):
     """Everything that a run is."""
 
     algorithm: str
+    rule: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]  # the update rule: a file of the learner's algorithms
     mix: dict[Difficulty, Share]
     episodes: int = Field(ge=1, le=10_000_000)
     seed: int = Field(default=1, ge=0, lt=2**31)
     lag: int = Field(default=0, ge=0, le=1024)
     engine: Literal["compiled", "flatland"] = "compiled"  # both give the same curve
     discount: float = Field(default=0.99, gt=0, le=1)
+    fragment_steps: int | None = Field(default=None, ge=1)  # steps acted with the same weights; none: whole episodes
     network: NetworkConfig
-    dqn: DqnConfig
+    dqn: DqnConfig | None = None
+    ppo: PpoConfig | None = None
+    sil: SilConfig | None = None
+    replay: ReplayConfig | None = None
     exploration: ExplorationConfig = ExplorationConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
     cluster: ClusterConfig
@@ -122,6 +154,39 @@ class RunConfig(Strict):
             if name != "any" and name not in self.mix:
                 known = ", ".join(self.mix)
                 raise ValueError(f"actors for difficulty {name}, which this run does not have: it has {known}")
+        return self
+
+    @model_validator(mode="after")
+    def _network_fits_the_rule(self) -> Self:
+        if (self.dqn is None) == (self.ppo is None):
+            raise ValueError("a run learns either action values or a policy: give dqn or ppo, and not both")
+        if (self.network.kind == "actor-critic") != (self.ppo is not None):
+            wanted = "actor-critic" if self.ppo else "plain, dueling or recurrent"
+            raise ValueError(f"network.kind is {self.network.kind}, which {self.rule} cannot train: make it {wanted}")
+        return self
+
+    @model_validator(mode="after")
+    def _batches_fit_in_replay(self) -> Self:
+        for name, section in (("dqn", self.dqn), ("ppo", self.ppo), ("sil", self.sil)):
+            field, size = f"{name}.batch_size", None if section is None else section.batch_size
+            if size is not None and self.replay is None:
+                raise ValueError(f"{field} is drawn from a replay: give replay.capacity")
+            if size is not None and self.replay is not None and size > self.replay.capacity:
+                raise ValueError(
+                    f"{field} {size} exceeds replay.capacity {self.replay.capacity}: make one fit the other"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _fragments_are_serial(self) -> Self:
+        if self.fragment_steps is None:
+            return self
+        if self.lag > 0:
+            raise ValueError(f"lag {self.lag} needs whole episodes: add --set fragment_steps=null")
+        if self.ppo is not None:
+            raise ValueError(
+                f"fragment_steps {self.fragment_steps}: {self.rule} learns from whole episodes, leave it out"
+            )
         return self
 
     @property
@@ -167,8 +232,16 @@ def nearest(word: str, known: list[str]) -> str:
 def _keys_at(path: list[str]) -> list[str]:
     model: type[BaseModel] = RunConfig
     for part in path:
-        annotation = model.model_fields[part].annotation
-        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+        section = section_of(model.model_fields[part].annotation)
+        if section is None:
             return []
-        model = annotation
+        model = section
     return list(model.model_fields)
+
+
+def section_of(annotation: Any) -> type[BaseModel] | None:
+    """The model of a field that is a section, which may be left out; none for other fields."""
+    for kind in (annotation, *get_args(annotation)):
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            return kind
+    return None

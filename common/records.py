@@ -79,13 +79,19 @@ class Lease(Record):
 
 
 class Episode(Record):
-    """What happened in an episode. Decisions are in the order of (time, train).
+    """What happened in an episode, or in a fragment of one. Decisions are in the order of (time, train).
 
-    A train's rewards run over all T steps; it arrived on step `arrived_at` (0-based), or -1 if the step limit
-    truncated it, and then `final_observations` holds what it saw last (zeros for trains that arrived).
+    The T steps follow on `first_step` others; `times` and `arrived_at` count from the start of the episode. A train
+    arrived on step `arrived_at` (0-based), -1 if it has not so far. Once the episode is `over`, `final_observations`
+    holds what the trains saw last that the step limit truncated; all else in it is zero. `log_probabilities` of the
+    actions and the state `values` are zero for networks of action values; `states` is what trains carry along after
+    the last step, S being 0 but for recurrent networks.
     """
 
     episode: Count
+    fragment: Count
+    first_step: Count
+    over: bool
     level: Difficulty
     level_seed: Count
     level_hash: Digest
@@ -97,26 +103,41 @@ class Episode(Record):
     times: Annotated[NDArray[np.int32], Array("int32", ("D",))]
     trains: Annotated[NDArray[np.int32], Array("int32", ("D",))]
     actions: Annotated[NDArray[np.int8], Array("int8", ("D",))]
+    log_probabilities: Annotated[NDArray[np.float32], Array("float32", ("D",))]
+    values: Annotated[NDArray[np.float32], Array("float32", ("D",))]
     rewards: Annotated[NDArray[np.float32], Array("float32", ("T", "N"))]
     arrived_at: Annotated[NDArray[np.int32], Array("int32", ("N",))]
     final_observations: Annotated[NDArray[np.float32], Array("float32", ("N", "F"))]
+    states: Annotated[NDArray[np.float32], Array("float32", ("N", "S"))]
 
     @model_validator(mode="after")
     def _indices_hold(self) -> Self:
         steps, trains = self.rewards.shape
-        for field, limit in (("times", steps), ("trains", trains), ("actions", 5)):
+        end = self.first_step + steps
+        for field, first, limit in (("times", self.first_step, end), ("trains", 0, trains), ("actions", 0, 5)):
             values = getattr(self, field)
-            if values.size and (values.min() < 0 or values.max() >= limit):
-                raise ValueError(f"{field}: wants values in 0..{limit - 1}")
-        if not 1 <= steps <= self.max_steps or trains < 1:
-            raise ValueError(f"rewards: wants 1..{self.max_steps} steps of at least one train, got {steps} of {trains}")
-        if self.arrived_at.min() < -1 or self.arrived_at.max() >= steps:
-            raise ValueError(f"arrived_at: wants values in -1..{steps - 1}")
+            if values.size and (values.min() < first or values.max() >= limit):
+                raise ValueError(f"{field}: wants values in {first}..{limit - 1}")
+        if not 1 <= steps <= self.max_steps - self.first_step or trains < 1:
+            most = self.max_steps - self.first_step
+            raise ValueError(f"rewards: wants 1..{most} steps of at least one train, got {steps} of {trains}")
+        if self.arrived_at.min() < -1 or self.arrived_at.max() >= end:
+            raise ValueError(f"arrived_at: wants values in -1..{end - 1}")
+        if (self.fragment == 0) != (self.first_step == 0):
+            raise ValueError(f"first_step: {self.first_step} does not begin fragment {self.fragment}")
         return self
 
     @property
+    def whole(self) -> bool:
+        """This is all of its episode."""
+        return self.over and self.first_step == 0
+
+    @property
     def normalised_return(self) -> float:
-        """Sum of all rewards / (trains * max steps): -1 is the worst, about -0.06 the best there is."""
+        """Sum of the rewards / (trains * max steps), which adds up over the fragments of an episode.
+
+        Of an episode -1 is the worst, about -0.06 the best there is.
+        """
         return float(self.rewards.sum(dtype=np.float64)) / (self.rewards.shape[1] * self.max_steps)
 
     @property

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from common.config import DIFFICULTIES, MAX_ACTORS, ConfigError, RunConfig, Strict, nearest, parse_config
+from common.config import DIFFICULTIES, MAX_ACTORS, ConfigError, RunConfig, nearest, parse_config, section_of
 
 Plain = dict[str, Any]
 
@@ -17,6 +17,12 @@ def algorithms() -> list[str]:
     return sorted(
         path.name.removesuffix(".yaml") for path in files("deploy.presets").iterdir() if path.name.endswith(".yaml")
     )
+
+
+def rules() -> list[str]:
+    """The names of all update rules: the files of the learner's algorithms, looked at but not imported."""
+    folder = Path(__file__).parents[1] / "services" / "learner" / "algorithms"
+    return sorted(path.stem for path in folder.glob("[a-z]*.py"))
 
 
 def resolve(given: Plain) -> RunConfig:
@@ -30,7 +36,7 @@ def resolve(given: Plain) -> RunConfig:
         raise ConfigError(f"unknown algorithm {algorithm!r}{nearest(algorithm, algorithms())}")
     preset: Plain = yaml.safe_load((files("deploy.presets") / f"{algorithm}.yaml").read_text())
     by_level = preset.pop("levels")
-    given = with_mix(given)
+    given = spelled_out(given)
     check_sections(given)
     mix = given.setdefault("mix", {"easy": 1.0})
     hardest = max((level for level in mix if level in DIFFICULTIES), key=DIFFICULTIES.index, default="easy")
@@ -40,6 +46,10 @@ def resolve(given: Plain) -> RunConfig:
         "cluster": {"actors": dict.fromkeys(mix, 1)},
     }
     merged = merge(merge(merge(defaults, preset), by_level[hardest]), given)
+    if merged.get("rule") not in rules():
+        raise ConfigError(f"unknown rule {merged.get('rule')!r}{nearest(str(merged.get('rule')), rules())}")
+    if merged.get("lag") and "fragment_steps" not in given:
+        merged["fragment_steps"] = None  # the preset's; several episodes at a time are whole ones
     if "actors" in given.get("cluster", {}):  # named actors replace the default ones, they do not add to them
         merged["cluster"]["actors"] = given["cluster"]["actors"]
     return parse_config(merged)
@@ -51,7 +61,7 @@ def resolve_existing(saved: RunConfig, given: Plain, name: str) -> RunConfig:
     Raises:
         ConfigError: what is given would make another run of it.
     """
-    given = with_mix(given)
+    given = spelled_out(given)
     check_sections(given)
     merged = merge(saved.model_dump(mode="json"), given)
     merged |= {"mix": given["mix"]} if "mix" in given else {}
@@ -68,13 +78,15 @@ def resolve_existing(saved: RunConfig, given: Plain, name: str) -> RunConfig:
     return config
 
 
-def with_mix(given: Plain) -> Plain:
-    """`level: easy` is short for `mix: {easy: 1}`.
+def spelled_out(given: Plain) -> Plain:
+    """`level: easy` is short for `mix: {easy: 1}`, `replay: prioritized` for `replay: {kind: prioritized}`.
 
     Raises:
-        ConfigError: both are given, or the level is unknown.
+        ConfigError: both level and mix are given, or the level is unknown.
     """
     given = dict(given)
+    if isinstance(given.get("replay"), str):
+        given["replay"] = {"kind": given["replay"]}
     level = given.pop("level", None)
     if level is None:
         return given
@@ -88,7 +100,7 @@ def with_mix(given: Plain) -> Plain:
 def check_sections(given: Plain) -> None:
     """Raises ConfigError if something that has keys of its own was given as something else."""
     for name, field in RunConfig.model_fields.items():
-        is_section = name == "mix" or (isinstance(field.annotation, type) and issubclass(field.annotation, Strict))
+        is_section = name == "mix" or section_of(field.annotation) is not None
         if is_section and name in given and not isinstance(given[name], dict):
             raise ConfigError(f"{name}: input should be a valid dictionary, not {given[name]!r}")
 

@@ -49,10 +49,10 @@ class QNetwork(nn.Module):
         super().__init__()
         self.n_features = n_features
         self.n_actions = n_actions
-        self.dueling = config.dueling
+        self.dueling = config.kind == "dueling"
         widths = (n_features, *config.hidden)
         self.hidden = nn.ModuleList(linear_layer(n_in, n_out) for n_in, n_out in itertools.pairwise(widths))
-        if config.dueling:
+        if self.dueling:
             self.value = linear_layer(widths[-1], 1)
             self.advantage = linear_layer(widths[-1], n_actions)
         else:

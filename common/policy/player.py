@@ -18,7 +18,7 @@ Player = Callable[[Level, Twin, float, int], Recording]  # level, network, epsil
 
 def network_layout(config: NetworkConfig) -> Layout:
     """How the run's network is laid out for its compiled twin."""
-    return Layout("dueling" if config.dueling else "plain", N_FEATURES, N_ACTIONS, config.hidden)
+    return Layout(config.kind, N_FEATURES, N_ACTIONS, config.hidden)
 
 
 def player(engine: Engine, max_trains: int, on_step: Callable[[], None]) -> Player:

@@ -20,7 +20,7 @@ from common.records import Record
 
 R = TypeVar("R", bound=Record)
 
-SCHEMA_VERSION = 1  # the records as of the first release; raise it when a record changes in any way
+SCHEMA_VERSION = 2  # 2: episodes come in fragments; raise it when a record changes in any way
 MAX_MESSAGE_BYTES = 300_000_000
 ARRAY_TYPE = 1
 ARRAY_DTYPES = frozenset({"|i1", "<i4", "<i8", "<f4", "<f8"})
@@ -35,7 +35,7 @@ def encoding_of(record_type: type[Record]) -> str:
 
     >>> from common.records import Lease
     >>> encoding_of(Lease)
-    'application/msgpack;railctl.Lease.1'
+    'application/msgpack;railctl.Lease.2'
     """
     return f"application/msgpack;railctl.{record_type.__name__}.{SCHEMA_VERSION}"
 

@@ -149,6 +149,9 @@ class Actor:
 def _episode(lease: Lease, recording: Recording, actor: str, acting_s: float) -> Episode:
     return Episode(
         episode=lease.episode,
+        fragment=0,
+        first_step=0,
+        over=True,
         level=lease.level,
         level_seed=lease.level_seed,
         level_hash=recording.level.content_hash,
@@ -160,7 +163,10 @@ def _episode(lease: Lease, recording: Recording, actor: str, acting_s: float) ->
         times=np.array(recording.times, np.int32),
         trains=np.array(recording.trains, np.int32),
         actions=np.array(recording.actions, np.int8),
+        log_probabilities=np.zeros(len(recording.actions), np.float32),
+        values=np.zeros(len(recording.actions), np.float32),
         rewards=np.array(recording.rewards, np.float32),
         arrived_at=recording.arrived_at,
         final_observations=recording.final_observations,
+        states=np.zeros((len(recording.arrived_at), 0), np.float32),
     )

@@ -9,7 +9,7 @@ import os
 
 import numpy as np
 
-from common.config import DqnConfig, NetworkConfig
+from common.config import DqnConfig, NetworkConfig, ReplayConfig
 from common.policy.determinism import deterministic_torch
 from common.records import Episode
 from services.learner.training import Trainer
@@ -27,6 +27,9 @@ def made_up_episode(number: int) -> Episode:
     observations[:] = -rng.random((decisions, N_FEATURES), np.float32)
     return Episode(
         episode=number,
+        fragment=0,
+        first_step=0,
+        over=True,
         level="easy",
         level_seed=number,
         level_hash="0" * 32,
@@ -38,9 +41,12 @@ def made_up_episode(number: int) -> Episode:
         times=np.repeat(np.arange(STEPS, dtype=np.int32), TRAINS),
         trains=np.tile(np.arange(TRAINS, dtype=np.int32), STEPS),
         actions=rng.integers(0, N_ACTIONS, decisions, np.int8),
+        log_probabilities=np.zeros(decisions, np.float32),
+        values=np.zeros(decisions, np.float32),
         rewards=np.full((STEPS, TRAINS), -1, np.float32),
         arrived_at=np.full(TRAINS, -1, np.int32),
         final_observations=np.zeros((TRAINS, N_FEATURES), np.float32),
+        states=np.zeros((TRAINS, 0), np.float32),
     )
 
 
@@ -49,10 +55,11 @@ def main() -> None:
     trainer = Trainer(
         seed=1,
         discount=0.99,
-        network=NetworkConfig(dueling=True),
+        network=NetworkConfig(kind="dueling"),
         n_features=N_FEATURES,
         n_actions=N_ACTIONS,
-        dqn=DqnConfig(learning_rate=3e-4, batch_size=150, learn_every_steps=5, replay_capacity=1000, target_tau=0.01),
+        dqn=DqnConfig(learning_rate=3e-4, batch_size=150, learn_every_steps=5, target_tau=0.01),
+        replay=ReplayConfig(capacity=1000),
     )
     for number in range(EPISODES):
         trainer.train(made_up_episode(number))

@@ -64,11 +64,14 @@ class Learner:
         self._place = place
         self._config: RunConfig = place.config
         self._archive = Archive(place.folder, place.config)
+        if self._config.dqn is None or self._config.replay is None:
+            raise Fatal(f"rule {self._config.rule} is not here yet")
         self._trainer = Trainer(
             seed=self._config.seed,
             discount=self._config.discount,
             network=self._config.network,
             dqn=self._config.dqn,
+            replay=self._config.replay,
             n_features=N_FEATURES,
             n_actions=N_ACTIONS,
         )

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.config import DqnConfig, NetworkConfig
+from common.config import DqnConfig, NetworkConfig, ReplayConfig
 from common.policy.networks import QNetwork, build_network, export_parameters
 from common.records import Episode
 from common.seeding import stream_key
@@ -32,6 +32,7 @@ class Trainer:
         discount: float,
         network: NetworkConfig,
         dqn: DqnConfig,
+        replay: ReplayConfig,
         n_features: int,
         n_actions: int,
     ) -> None:
@@ -40,7 +41,7 @@ class Trainer:
         self._config = dqn
         self.network: QNetwork = build_network(network, n_features, n_actions, seed)
         self._algorithm = Dqn(dqn, self.network)
-        self._replay = UniformReplay(dqn.replay_capacity, n_features)
+        self._replay = UniformReplay(replay.capacity, n_features)
         self._counters = dict.fromkeys(COUNTERS, 0)
 
     @property

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import torch
 
-from common.config import DqnConfig, NetworkConfig
+from common.config import DqnConfig, NetworkConfig, ReplayConfig
 from common.policy.acting import EpsilonGreedy
 from common.records import Episode
 from common.seeding import stream_key
@@ -68,6 +68,9 @@ def as_episode(number, steps, decisions, free_at, place):
     arrived = np.array(place) == ARRIVED
     return Episode(
         episode=number,
+        fragment=0,
+        first_step=0,
+        over=True,
         level="easy",
         level_seed=1,
         level_hash="0" * 32,
@@ -79,17 +82,20 @@ def as_episode(number, steps, decisions, free_at, place):
         times=times.astype(np.int32),
         trains=trains.astype(np.int32),
         actions=actions.astype(np.int8),
+        log_probabilities=np.zeros(len(times), np.float32),
+        values=np.zeros(len(times), np.float32),
         rewards=-(np.arange(steps)[:, None] < np.array(free_at)).astype(np.float32),
         arrived_at=np.where(arrived, np.array(free_at) - 1, -1).astype(np.int32),
         final_observations=np.where(arrived[:, None], np.float32(0), PLACES[place]),
+        states=np.zeros((TRAINS, 0), np.float32),
     )
 
 
 PRESETS = {
     "dqn": {"target_tau": None},
     "ddqn": {"target_tau": 0.05},
-    "dddqn": {"target_tau": 0.05, "dueling": True},
-    "dddqn, classic rule": {"target_tau": 0.05, "dueling": True, "double": True},
+    "dddqn": {"target_tau": 0.05, "kind": "dueling"},
+    "dddqn, classic rule": {"target_tau": 0.05, "kind": "dueling", "double": True},
 }
 
 
@@ -99,8 +105,9 @@ def test_the_optimal_policy_and_its_values_are_found(preset):
     trainer = Trainer(
         seed=1,
         discount=DISCOUNT,
-        network=NetworkConfig(hidden=(32, 32), dueling=switches.pop("dueling", False)),
-        dqn=DqnConfig(learning_rate=0.002, batch_size=32, learn_every_steps=2, replay_capacity=5000, **switches),
+        network=NetworkConfig(hidden=(32, 32), kind=switches.pop("kind", "plain")),
+        dqn=DqnConfig(learning_rate=0.002, batch_size=32, learn_every_steps=2, **switches),
+        replay=ReplayConfig(capacity=5000),
         n_features=4,
         n_actions=3,
     )

@@ -26,7 +26,7 @@ def same(ours, theirs):
 @pytest.mark.parametrize("epsilon", [0.0, 0.3, 1.0])
 @pytest.mark.parametrize("difficulty", DIFFICULTIES)
 def test_both_engines_play_the_same_episode(difficulty, epsilon):
-    twin = twin_of(NetworkConfig(dueling=epsilon > 0), seed=3)
+    twin = twin_of(NetworkConfig(kind="dueling" if epsilon > 0 else "plain"), seed=3)
     compiled = player("compiled", MAX_TRAINS, lambda: None)
     flatland = player("flatland", MAX_TRAINS, lambda: None)
     for seed in range(3):
@@ -35,7 +35,7 @@ def test_both_engines_play_the_same_episode(difficulty, epsilon):
 
 
 def test_an_episode_does_not_depend_on_those_before_it():
-    twin = twin_of(NetworkConfig(dueling=True), seed=4)
+    twin = twin_of(NetworkConfig(kind="dueling"), seed=4)
     levels = [LevelSupply().training(name, 5) for name in ("hard", "easy", "medium")]
     one = Rollouts(MAX_TRAINS)
     in_turn = [one.play(level, twin, 0.5, 9) for level in levels]

@@ -1,10 +1,10 @@
 """Deep Q-learning and its variants: one learner, with switches in `NetworkConfig` and `DqnConfig`.
 
-| preset | `dqn.target_tau` | `dqn.double` | `network.dueling` | paper |
+| preset | `dqn.target_tau` | `dqn.double` | `network.kind` | paper |
 |---|---|---|---|---|
-| `dqn` | none | no | no | Mnih et al., "Human-level control through deep RL", 2015 |
-| `ddqn` | a share | no | no | as above, soft target as in Lillicrap et al. 2016, arXiv:1509.02971 |
-| `dddqn` | a share | no | yes | Wang et al., "Dueling Network Architectures", arXiv:1511.06581 |
+| `dqn` | none | no | plain | Mnih et al., "Human-level control through deep RL", 2015 |
+| `ddqn` | a share | no | plain | as above, soft target as in Lillicrap et al. 2016, arXiv:1509.02971 |
+| `dddqn` | a share | no | dueling | Wang et al., "Dueling Network Architectures", arXiv:1511.06581 |
 
 `double` gives `ddqn` and `dddqn` the classic rule of van Hasselt et al., "Deep RL with Double Q-learning",
 arXiv:1509.06461.

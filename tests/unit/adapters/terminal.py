@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[3]
 COMMANDS = Path(sys.executable).parent
 
 
-def write_checkpoint(path, config=NetworkConfig(dueling=True), build=build_network, seed=4):  # noqa: B008  (frozen)
+def write_checkpoint(path, config=NetworkConfig(kind="dueling"), build=build_network, seed=4):  # noqa: B008  (frozen)
     """A checkpoint as a run writes it, with random weights: those of seed 4 drive about."""
     network = build(config, N_FEATURES, N_ACTIONS, seed)
     science = json.dumps({"algorithm": "any", "network": config.model_dump(mode="json")})

@@ -78,8 +78,8 @@ def trained(level, twin):
 
 
 BUILDS = [
-    (NetworkConfig(dueling=True), build_network, 0),
-    (NetworkConfig(hidden=(64, 32), dueling=False), build_network, 0),
+    (NetworkConfig(kind="dueling"), build_network, 0),
+    (NetworkConfig(hidden=(64, 32)), build_network, 0),
     (NetworkConfig(), build_actor_critic, 2),
     (NetworkConfig(hidden=(32, 16)), build_recurrent_network, 3),
 ]

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from common.config import ConfigError, ExplorationConfig, describe, nearest, parse_config
 
-DQN = {"learning_rate": 0.001, "batch_size": 8, "learn_every_steps": 4, "replay_capacity": 100}
+DQN = {"learning_rate": 0.001, "batch_size": 8, "learn_every_steps": 4}
 
 
 def plain(changes=()):
@@ -21,6 +21,8 @@ def plain(changes=()):
         "episodes": 10,
         "network": {"hidden": [16, 16]},
         "dqn": DQN,
+        "replay": {"capacity": 100},
+        "rule": "dqn",
         "cluster": {"actors": {"easy": 1}},
     }
     data = copy.deepcopy(data)
@@ -68,7 +70,7 @@ def complaint(data):
         ("dqn.learning_rate", 0, "dqn.learning_rate: input should be greater than 0, not 0"),
         ("dqn.learning_rate", float("inf"), "dqn.learning_rate: input should be a finite number, not inf"),
         ("dqn.batch_size", 0, "dqn.batch_size: input should be greater than or equal to 1, not 0"),
-        ("dqn.batch_size", 101, "dqn: batch_size 101 exceeds replay_capacity 100"),
+        ("dqn.batch_size", 101, "dqn.batch_size 101 exceeds replay.capacity 100: make one fit the other"),
         ("dqn.target_tau", 0, "dqn.target_tau: input should be greater than 0, not 0"),
         ("dqn.double", True, "dqn: double needs a target network: set target_tau"),
         (
@@ -120,7 +122,8 @@ def test_an_unknown_key_is_an_error_that_names_the_nearest(key, start):
 def test_a_missing_section_is_named(key):
     data = plain()
     del data[key]
-    assert complaint(data) == f"{key} is missing: give it a value"
+    wanted = "a run learns either action values or a policy: give dqn or ppo, and not both"
+    assert complaint(data) == (wanted if key == "dqn" else f"{key} is missing: give it a value")
 
 
 def test_a_missing_value_is_named_with_its_section():

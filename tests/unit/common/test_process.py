@@ -28,7 +28,9 @@ CONFIG = parse_config(
         "mix": {"easy": 1.0},
         "episodes": 2,
         "network": {},
-        "dqn": {"learning_rate": 0.001, "batch_size": 8, "learn_every_steps": 4, "replay_capacity": 100},
+        "dqn": {"learning_rate": 0.001, "batch_size": 8, "learn_every_steps": 4},
+        "replay": {"capacity": 100},
+        "rule": "dqn",
         "cluster": {"actors": {"easy": 1}},
     }
 )

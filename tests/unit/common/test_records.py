@@ -18,13 +18,16 @@ from common.records import (
     Weights,
 )
 
-FLOATS = ("observations", "rewards", "final_observations")
+FLOATS = ("observations", "log_probabilities", "values", "rewards", "final_observations")
 
 
 def episode(**changes):
     """Two trains, three steps, four decisions, two features; the second train never arrived."""
     fields = {
         "episode": 7,
+        "fragment": 0,
+        "first_step": 0,
+        "over": True,
         "level": "easy",
         "level_seed": 99,
         "level_hash": "0" * 32,
@@ -36,9 +39,12 @@ def episode(**changes):
         "times": np.array([0, 0, 1, 2], np.int32),
         "trains": np.array([0, 1, 1, 0], np.int32),
         "actions": np.array([2, 4, 0, 1], np.int8),
+        "log_probabilities": np.zeros(4, np.float32),
+        "values": np.zeros(4, np.float32),
         "rewards": np.array([[-1, -1], [-1, -1], [0, -1]], np.float32),
         "arrived_at": np.array([2, -1], np.int32),
         "final_observations": np.array([[0, 0], [1, 2]], np.float32),
+        "states": np.zeros((2, 0), np.float32),
     }
     return Episode(**fields | changes)
 
@@ -57,6 +63,7 @@ def test_the_normalised_return_is_the_sum_per_train_and_step():
 
 def test_an_episode_without_decisions_is_an_episode():
     empty = {name: np.zeros(0, np.int32) for name in ("times", "trains")}
+    empty |= {name: np.zeros(0, np.float32) for name in ("log_probabilities", "values")}
     quiet = episode(observations=np.zeros((0, 2), np.float32), actions=np.zeros(0, np.int8), **empty)
     assert len(quiet.actions) == 0
 
@@ -84,6 +91,9 @@ def test_an_episode_without_decisions_is_an_episode():
         ("arrived_at", np.array([3, -1], np.int32), "arrived_at: wants values in -1..2"),
         ("arrived_at", np.array([0, -2], np.int32), "arrived_at: wants values in -1..2"),
         ("max_steps", 2, "rewards: wants 1..2 steps of at least one train, got 3 of 2"),
+        ("first_step", 1, "times: wants values in 1..3"),
+        ("fragment", 1, "first_step: 0 does not begin fragment 1"),
+        ("states", np.zeros((3, 0), np.float32), "states: dimension N is 3 here and 2 before"),
     ],
 )
 def test_an_episode_whose_arrays_do_not_fit_is_refused(field, value, text):
@@ -100,12 +110,16 @@ def test_an_episode_needs_a_train_and_a_step():
         "times": np.zeros(0, np.int32),
         "trains": np.zeros(0, np.int32),
         "actions": np.zeros(0, np.int8),
+        "log_probabilities": np.zeros(0, np.float32),
+        "values": np.zeros(0, np.float32),
+        "states": np.zeros((0, 0), np.float32),
     }
     assert "at least one train, got 3 of 0" in complaint(lambda: episode(**no_train))[1]
     no_step = no_train | {
         "rewards": np.zeros((0, 2), np.float32),
         "arrived_at": np.full(2, -1, np.int32),
         "final_observations": np.zeros((2, 2), np.float32),
+        "states": np.zeros((2, 0), np.float32),
     }
     assert "at least one train, got 0 of 2" in complaint(lambda: episode(**no_step))[1]
 
@@ -150,7 +164,7 @@ def test_records_cannot_be_changed():
 
 
 def test_the_digest_is_pinned():
-    assert episode().digest == "e8f3c14d2fe1abae837a18ee39fc7e11"
+    assert episode().digest == "5ea63f1a824ffad2c867bcbdb08b0d61"
 
 
 def test_the_digest_does_not_see_who_acted_nor_how_long():
@@ -165,13 +179,20 @@ def test_the_digest_does_not_see_how_an_array_lies_in_memory():
 
 @pytest.mark.parametrize("field", [name for name in Episode.model_fields if name not in ("actor", "acting_s")])
 def test_the_digest_sees_every_other_field(field):
-    value = getattr(episode(), field)
-    if isinstance(value, np.ndarray):
+    before = episode(fragment=1, first_step=1, max_steps=9, times=np.array([1, 1, 2, 3], np.int32))
+    changes = {"level": "hard", "level_hash": "1" * 32, "over": False, "states": np.zeros((2, 1), np.float32)}
+    value = getattr(before, field)
+    if field in changes:
+        changed = changes[field]
+    elif field == "first_step":
+        changed = 0
+    elif isinstance(value, np.ndarray):
         changed = value.copy()
-        changed.flat[0] = 1 - changed.flat[0] if field in FLOATS else {0: 1, 2: 1}[int(changed.flat[0])]
+        changed.flat[0] = 1 - changed.flat[0] if field in FLOATS else {0: 1, 1: 2, 2: 1}[int(changed.flat[0])]
     else:
-        changed = {"level": "hard", "level_hash": "1" * 32}.get(field) or value + 1
-    assert episode(**{field: changed}).digest != episode().digest
+        changed = value + 1
+    changes = {field: changed} | ({"fragment": 0} if field == "first_step" else {})
+    assert before.model_copy(update=changes).digest != before.digest
 
 
 def test_rows_speak_of_return_in_files_and_of_normalised_return_in_code():

@@ -15,7 +15,7 @@ from deploy.resolve import (
     read_file,
     resolve,
     resolve_existing,
-    with_mix,
+    spelled_out,
 )
 
 
@@ -169,9 +169,9 @@ def test_what_is_wrong_for_an_existing_run_is_named_too():
 
 
 def test_a_level_is_short_for_a_mix():
-    assert with_mix({"level": "hard", "seed": 1}) == {"mix": {"hard": 1.0}, "seed": 1}
-    assert with_mix({"mix": {"easy": 1}}) == {"mix": {"easy": 1}}
-    assert with_mix({}) == {}
+    assert spelled_out({"level": "hard", "seed": 1}) == {"mix": {"hard": 1.0}, "seed": 1}
+    assert spelled_out({"mix": {"easy": 1}}) == {"mix": {"easy": 1}}
+    assert spelled_out({}) == {}
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from common.config import NetworkConfig
 from common.policy.networks import build_network, dueling_values, export_parameters, import_parameters
 
 PLAIN = NetworkConfig(hidden=(4, 3))
-DUELING = NetworkConfig(hidden=(4, 3), dueling=True)
+DUELING = NetworkConfig(hidden=(4, 3), kind="dueling")
 
 
 def test_dueling_values_by_hand():

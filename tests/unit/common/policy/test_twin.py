@@ -60,7 +60,7 @@ def make(kind: str, hidden: tuple[int, ...], seed: int = 1, n_actions: int = A):
     elif kind == "recurrent":
         network = build_recurrent_network(NetworkConfig(hidden=hidden), F, n_actions, seed)
     else:
-        network = build_network(NetworkConfig(hidden=hidden, dueling=kind == "dueling"), F, n_actions, seed)
+        network = build_network(NetworkConfig(hidden=hidden, kind=kind), F, n_actions, seed)
     generator = torch.Generator().manual_seed(seed)
     with torch.no_grad():
         for parameter in network.parameters():

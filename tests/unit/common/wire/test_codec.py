@@ -55,26 +55,33 @@ def laid_out(draw, shape, elements=REALS32):
 def episodes(draw):
     steps, trains = draw(st.integers(1, 6)), draw(st.integers(1, 4))
     decisions, features = draw(st.integers(0, 5)), draw(st.integers(0, 4))
+    first = draw(st.integers(0, 3))
 
     def whole(dtype, size, low, high):
         return draw(npst.arrays(dtype, size, elements=st.integers(low, high)))
 
     return records.Episode(
         episode=draw(COUNTS),
+        fragment=int(first > 0),
+        first_step=first,
+        over=draw(st.booleans()),
         level=draw(LEVELS),
         level_seed=draw(COUNTS),
         level_hash=draw(DIGESTS),
         weights_version=draw(COUNTS),
         actor=draw(NAMES),
         acting_s=draw(SPANS),
-        max_steps=draw(st.integers(steps, 100_000)),
+        max_steps=draw(st.integers(first + steps, 100_000)),
         observations=draw(laid_out((decisions, features))),
-        times=whole(np.int32, decisions, 0, steps - 1),
+        times=whole(np.int32, decisions, first, first + steps - 1),
         trains=whole(np.int32, decisions, 0, trains - 1),
         actions=whole(np.int8, decisions, 0, 4),
+        log_probabilities=draw(laid_out((decisions,))),
+        values=draw(laid_out((decisions,))),
         rewards=draw(laid_out((steps, trains))),
-        arrived_at=whole(np.int32, trains, -1, steps - 1),
+        arrived_at=whole(np.int32, trains, -1, first + steps - 1),
         final_observations=draw(laid_out((trains, features))),
+        states=draw(laid_out((trains, draw(st.integers(0, 3))))),
     )
 
 
@@ -263,7 +270,7 @@ def test_arrays_come_back_writable_and_owning_their_memory():
 def test_the_bytes_of_messages_are_pinned():
     assert encode(LEASE).hex() == LEASE_HEX
     assert encode(WEIGHTS).hex() == WEIGHTS_HEX
-    assert encoding_of(records.Lease) == "application/msgpack;railctl.Lease.1"
+    assert encoding_of(records.Lease) == "application/msgpack;railctl.Lease.2"
 
 
 def test_pinned_bytes_are_still_understood():
@@ -273,9 +280,9 @@ def test_pinned_bytes_are_still_understood():
 
 
 def test_another_version_is_refused_by_name_before_the_body_is_looked_at():
-    text = refusal(records.Lease, b"\xc1", "application/msgpack;railctl.Lease.2")
+    text = refusal(records.Lease, b"\xc1", "application/msgpack;railctl.Lease.3")
     assert text == (
-        "schema is 'application/msgpack;railctl.Lease.2', this process speaks 'application/msgpack;railctl.Lease.1'"
+        "schema is 'application/msgpack;railctl.Lease.3', this process speaks 'application/msgpack;railctl.Lease.2'"
     )
 
 
@@ -283,7 +290,7 @@ def test_another_version_is_refused_by_name_before_the_body_is_looked_at():
 def test_another_schema_is_refused_by_name(encoding):
     text = refusal(records.Lease, encode(LEASE), encoding)
     assert encoding[:100] in text
-    assert "railctl.Lease.1" in text
+    assert "railctl.Lease.2" in text
     assert len(text) < 300
 
 
@@ -449,6 +456,9 @@ def test_an_array_is_taken_or_refused_by_what_is_wrong_with_it(tensor, reason):
 def test_arrays_whose_lengths_disagree_are_refused():
     body = {
         "episode": 0,
+        "fragment": 0,
+        "first_step": 0,
+        "over": True,
         "level": "easy",
         "level_seed": 0,
         "level_hash": "0" * 32,
@@ -460,8 +470,11 @@ def test_arrays_whose_lengths_disagree_are_refused():
         "times": array("<i4"),
         "trains": array("<i4"),
         "actions": array("|i1", raw=b"\0"),
+        "log_probabilities": array(),
+        "values": array(),
         "rewards": array(shape=[1, 1]),
-        "arrived_at": array("<i4"),
+        "final_observations": array(shape=[1, 1]),
+        "states": array(shape=[1, 1]),
         "final_observations": array(shape=[1, 1]),
     }
     assert decode(records.Episode, encoding_of(records.Episode), pack(body)).actor == "a"

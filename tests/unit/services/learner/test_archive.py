@@ -25,7 +25,9 @@ def config(**changes):
             "mix": {"easy": 1.0},
             "episodes": 20,
             "network": {},
-            "dqn": {"learning_rate": 0.001, "batch_size": 8, "learn_every_steps": 4, "replay_capacity": 100},
+            "dqn": {"learning_rate": 0.001, "batch_size": 8, "learn_every_steps": 4},
+            "replay": {"capacity": 100},
+            "rule": "dqn",
             "cluster": {"actors": {"easy": 1}},
         }
         | changes

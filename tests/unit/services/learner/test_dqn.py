@@ -56,7 +56,6 @@ def make_dqn(*, double=False, target_tau=None):
         learning_rate=0.1,
         batch_size=1,
         learn_every_steps=1,
-        replay_capacity=1,
         target_tau=target_tau,
         double=double,
     )

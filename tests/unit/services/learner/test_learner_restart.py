@@ -99,6 +99,9 @@ def acted(lease):
     """An episode of one train that makes one decision and arrives."""
     return Episode(
         episode=lease.episode,
+        fragment=0,
+        first_step=0,
+        over=True,
         level=lease.level,
         level_seed=lease.level_seed,
         level_hash="0" * 32,
@@ -110,9 +113,12 @@ def acted(lease):
         times=np.zeros(1, np.int32),
         trains=np.zeros(1, np.int32),
         actions=np.zeros(1, np.int8),
+        log_probabilities=np.zeros(1, np.float32),
+        values=np.zeros(1, np.float32),
         rewards=np.array([[-1], [0]], np.float32),
         arrived_at=np.ones(1, np.int32),
         final_observations=np.zeros((1, N_FEATURES), np.float32),
+        states=np.zeros((1, 0), np.float32),
     )
 
 
@@ -124,7 +130,9 @@ def config(lag):
             "episodes": 20,
             "lag": lag,
             "network": {"hidden": [4]},
-            "dqn": {"learning_rate": 0.01, "batch_size": 1, "learn_every_steps": 1, "replay_capacity": 100},
+            "dqn": {"learning_rate": 0.01, "batch_size": 1, "learn_every_steps": 1},
+            "replay": {"capacity": 100},
+            "rule": "dqn",
             "cluster": {"actors": {"easy": 1}},
         }
     )

@@ -17,6 +17,9 @@ def acted(number, level="easy"):
     """An episode as small as one can be."""
     return Episode(
         episode=number,
+        fragment=0,
+        first_step=0,
+        over=True,
         level=level,
         level_seed=0,
         level_hash="0" * 32,
@@ -28,9 +31,12 @@ def acted(number, level="easy"):
         times=np.zeros(0, np.int32),
         trains=np.zeros(0, np.int32),
         actions=np.zeros(0, np.int8),
+        log_probabilities=np.zeros(0, np.float32),
+        values=np.zeros(0, np.float32),
         rewards=np.zeros((1, 1), np.float32),
         arrived_at=np.zeros(1, np.int32),
         final_observations=np.zeros((1, 1), np.float32),
+        states=np.zeros((1, 0), np.float32),
     )
 
 

@@ -14,7 +14,9 @@ def config(mix, seed=1, episodes=12, actors=None):
             "episodes": episodes,
             "seed": seed,
             "network": {},
-            "dqn": {"learning_rate": 0.001, "batch_size": 8, "learn_every_steps": 4, "replay_capacity": 100},
+            "dqn": {"learning_rate": 0.001, "batch_size": 8, "learn_every_steps": 4},
+            "replay": {"capacity": 100},
+            "rule": "dqn",
             "cluster": {"actors": actors or {"any": 1}},
         }
     )

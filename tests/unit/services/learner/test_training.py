@@ -11,26 +11,26 @@ import sys
 import numpy as np
 import pytest
 
-from common.config import DqnConfig, NetworkConfig
+from common.config import DqnConfig, NetworkConfig, ReplayConfig
 from common.records import Episode
 from services.learner.training import Trainer
 
 STEPS, TRAINS = 40, 3
 
 
-def make_trainer(n_features=6, hidden=(16, 16), **dqn):
+def make_trainer(n_features=6, hidden=(16, 16), capacity=200, **dqn):
     settings = {
         "learning_rate": 0.001,
         "batch_size": 8,
         "learn_every_steps": 7,
-        "replay_capacity": 200,
         "target_tau": 0.01,
     }
     return Trainer(
         seed=5,
         discount=0.99,
-        network=NetworkConfig(hidden=hidden, dueling=True),
+        network=NetworkConfig(hidden=hidden, kind="dueling"),
         dqn=DqnConfig(**(settings | dqn)),
+        replay=ReplayConfig(capacity=capacity),
         n_features=n_features,
         n_actions=5,
     )
@@ -53,6 +53,9 @@ def make_episode(number, n_features=6, steps=STEPS, offset=0):
     final = -rng.random((TRAINS, n_features), np.float32)
     return Episode(
         episode=number,
+        fragment=0,
+        first_step=0,
+        over=True,
         level="easy",
         level_seed=1,
         level_hash="0" * 32,
@@ -64,9 +67,12 @@ def make_episode(number, n_features=6, steps=STEPS, offset=0):
         times=times.astype(np.int32),
         trains=trains.astype(np.int32),
         actions=rng.integers(0, 5, len(times)).astype(np.int8),
+        log_probabilities=np.zeros(len(times), np.float32),
+        values=np.zeros(len(times), np.float32),
         rewards=at_offset(-(np.arange(steps)[:, None] < until).astype(np.float32), offset),
         arrived_at=arrived_at,
         final_observations=at_offset(final * (arrived_at < 0)[:, None], offset),
+        states=np.zeros((TRAINS, 0), np.float32),
     )
 
 
@@ -80,6 +86,9 @@ def decisions_at(*times, steps):
             "observations": np.zeros((len(times), 6), np.float32),
             "rewards": np.full((steps, 1), -1, np.float32),
             "arrived_at": np.array([-1], np.int32),
+            "log_probabilities": np.zeros(len(times), np.float32),
+            "values": np.zeros(len(times), np.float32),
+            "states": np.zeros((1, 0), np.float32),
             "final_observations": np.zeros((1, 6), np.float32),
         }
     )
@@ -207,7 +216,7 @@ def test_fresh_processes_agree_to_the_bit_at_any_alignment():
 
 def train_briefly(offset):
     """About 50 updates of the size of the real ones."""
-    trainer = make_trainer(n_features=252, hidden=(128, 128), batch_size=150, learn_every_steps=4, replay_capacity=5000)
+    trainer = make_trainer(n_features=252, hidden=(128, 128), batch_size=150, learn_every_steps=4, capacity=5000)
     updates = sum(trainer.train(make_episode(number, 252, offset=offset))["updates"] for number in range(9))
     if updates < 45:
         raise RuntimeError(f"only {updates} updates")

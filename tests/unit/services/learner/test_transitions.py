@@ -12,6 +12,9 @@ def make_episode(decisions, rewards, arrived_at, final):
     times, trains, actions, features = zip(*decisions, strict=True) if decisions else ((), (), (), ())
     return Episode(
         episode=3,
+        fragment=0,
+        first_step=0,
+        over=True,
         level="easy",
         level_seed=1,
         level_hash="0" * 32,
@@ -23,9 +26,12 @@ def make_episode(decisions, rewards, arrived_at, final):
         times=np.array(times, np.int32),
         trains=np.array(trains, np.int32),
         actions=np.array(actions, np.int8),
+        log_probabilities=np.zeros(len(times), np.float32),
+        values=np.zeros(len(times), np.float32),
         rewards=np.array(rewards, np.float32),
         arrived_at=np.array(arrived_at, np.int32),
         final_observations=np.array(final, np.float32).reshape(-1, 1),
+        states=np.zeros((len(arrived_at), 0), np.float32),
     )
 
 
