@@ -473,9 +473,9 @@ def test_arrays_whose_lengths_disagree_are_refused():
         "log_probabilities": array(),
         "values": array(),
         "rewards": array(shape=[1, 1]),
+        "arrived_at": array("<i4"),
         "final_observations": array(shape=[1, 1]),
-        "states": array(shape=[1, 1]),
-        "final_observations": array(shape=[1, 1]),
+        "states": array(shape=[1, 0], raw=b""),
     }
     assert decode(records.Episode, encoding_of(records.Episode), pack(body)).actor == "a"
     body["times"] = array("<i4", [2], b"\0" * 8)
