@@ -18,7 +18,6 @@ And where a level has more than the study:
 """
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,6 +38,7 @@ from common.rail.flatland_env import ACTIONS, LegacyDriver, StudyRewards, has_wa
 from common.rail.from_flatland import UnsupportedEnvironmentError, level_of
 from common.rail.legacy_tree import LegacyTree
 from common.rail.normalise import N_FEATURES, normalise
+from common.rail.play import Choose, Decision
 from common.rail.world import DO_NOTHING, MOVE_FORWARD, N_ACTIONS
 
 __all__ = ["CheckpointPolicy", "StudyObservation", "StudyRewards", "TrainView"]
@@ -169,7 +169,8 @@ class CheckpointPolicy(Policy[RailEnv, TrainView, RailEnvActions]):
         if not all(isinstance(view, TrainView) for view in observations):
             raise click.ClickException("this policy needs --obs-builder adapters.flatland_tools.StudyObservation")
         if not self._episode.goes_on(observations):
-            self._episode = _Episode(observations, self._twin.in_episode(0.0, 0, len(observations), greedy=True))
+            states = self._twin.zero_state(len(observations))
+            self._episode = _Episode(observations, self._twin.in_episode(0.0, 0, states, greedy=True))
         actions = self._episode.act(observations)
         return {handle: ACTIONS[action] for handle, action in zip(handles, actions, strict=True)}
 
@@ -180,7 +181,7 @@ class _Episode:
     def __init__(
         self,
         views: list[TrainView],
-        choose: Callable[[NDArray[np.float32], int, int], int] = lambda *_: DO_NOTHING,
+        choose: Choose = lambda *_: Decision(DO_NOTHING),
     ) -> None:
         self._drivers = [LegacyDriver() for _ in views]
         self._choose = choose
@@ -202,5 +203,5 @@ class _Episode:
             return DO_NOTHING
         driver.look(view.place)
         decides = view.deciding and driver.committed is None
-        action = self._choose(view.vector, view.step, train) if decides else MOVE_FORWARD
+        action = self._choose(view.vector, view.step, train).action if decides else MOVE_FORWARD
         return driver.send(view.place, action, view.ways.__getitem__)

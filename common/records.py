@@ -68,14 +68,41 @@ class Record(BaseModel):
                 raise ValueError(f"{field}: dimension {letter} is {size} here and {seen[letter]} before")
 
 
+CIRCUMSTANCES = ("actor", "acting_s", "waited_s")  # what an episode's content does not depend on
+
+
+class Progressed(Record):
+    """Where an episode stands after its first fragments, so that any actor can go on with it.
+
+    Here are the `actions` of all decisions so far, in the order of (time, train), and the trains' `states`.
+    """
+
+    fragment: Annotated[int, Field(ge=1)]  # the number of the one to come
+    first_step: Annotated[int, Field(ge=1)]
+    actions: Annotated[NDArray[np.int8], Array("int8", ("D",))]
+    states: Annotated[NDArray[np.float32], Array("float32", ("N", "S"))]
+
+
 class Lease(Record):
-    """The right and duty to act one episode: everything that its outcome depends on, but the weights themselves."""
+    """The right and duty to act an episode, or a fragment of one: all that its outcome depends on but the weights."""
 
     episode: Count
     level: Difficulty
     level_seed: Count
     weights_version: Count
     epsilon: float = Field(ge=0, le=1)
+    steps: Annotated[int, Field(ge=1)] | None  # at most; none: to the end of the episode
+    progressed: Progressed | None  # none: from the start
+
+    @property
+    def fragment(self) -> int:
+        """The number of the fragment."""
+        return 0 if self.progressed is None else self.progressed.fragment
+
+    @property
+    def first_step(self) -> int:
+        """Steps of the episode before."""
+        return 0 if self.progressed is None else self.progressed.first_step
 
 
 class Episode(Record):
@@ -98,6 +125,7 @@ class Episode(Record):
     weights_version: Count
     actor: Name
     acting_s: float = Field(ge=0)
+    waited_s: float = Field(ge=0)  # for the lease
     max_steps: Annotated[int, Field(ge=1, le=100_000)]
     observations: Annotated[NDArray[np.float32], Array("float32", ("D", "F"))]
     times: Annotated[NDArray[np.int32], Array("int32", ("D",))]
@@ -142,10 +170,10 @@ class Episode(Record):
 
     @property
     def digest(self) -> str:
-        """Hash of everything but who acted and how long it took."""
+        """Hash of everything but the circumstances: who acted and how long it took."""
         state = hashlib.blake2b(digest_size=16)
         for field in type(self).model_fields:
-            if field in ("actor", "acting_s"):
+            if field in CIRCUMSTANCES:
                 continue
             value = getattr(self, field)
             state.update(f"{field}:".encode())
@@ -176,6 +204,13 @@ class EpisodeRow(Record):
     trained_unix_s: float
 
     model_config = ConfigDict(populate_by_name=True)
+
+
+class MetricRow(Record):
+    """A line of `metrics.jsonl`: what learning from an episode told, and where its time went."""
+
+    episode: Count
+    metrics: dict[Annotated[str, Field(max_length=64)], float]
 
 
 class EvaluationRow(Record):
@@ -209,12 +244,12 @@ class WeightsRequest(Record):
 
 
 class LeaseRequest(Record):
-    """An actor asks for work, and says which untrained episodes it still keeps."""
+    """An actor asks for work, and says what it still keeps: rows of (episode, fragment)."""
 
     actor: Name
     incarnation: Name
     serves: Serves
-    kept: list[Count] = Field(max_length=100_000)
+    kept: Annotated[NDArray[np.int64], Array("int64", ("K", 2))]
 
 
 class LeaseAnswer(Record):
@@ -222,7 +257,7 @@ class LeaseAnswer(Record):
 
     lease: Lease | None
     safe_before: Count  # episodes below are in a durable snapshot: forget them
-    missing: list[Count] = Field(max_length=100_000)  # kept by the actor, not at the learner: publish them again
+    missing: Annotated[NDArray[np.int64], Array("int64", ("K", 2))]  # kept, but not at the learner: publish them again
     finished: bool  # every episode is trained
 
 

@@ -29,7 +29,7 @@ def progress_of(config: RunConfig, beats: Beats) -> Progress | None:
         done=int(counters["done"]),
         leased=int(counters["leased"]),
         waiting={level: int(counters[f"waiting.{level}"]) for level in DIFFICULTIES if f"waiting.{level}" in counters},
-        weights_version=int(counters["done"]),
+        weights_version=int(counters["version"]),
         snapshot=int(counters["snapshot"]),
         evaluations=int(evaluations),
         evaluations_due=int(counters["checkpoints"]) * len(config.mix),

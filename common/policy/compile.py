@@ -9,7 +9,7 @@ from common.config import NetworkConfig
 from common.levels.supply import LevelSupply
 from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters
-from common.policy.player import MAX_TRAINS, network_layout
+from common.policy.player import MAX_TRAINS, Acting, network_layout, play
 from common.policy.rollout import Rollouts
 from common.rail.compiled.world import CompiledWorld
 
@@ -21,11 +21,11 @@ def main() -> None:
     twin = Twin(layout)
     twin.load(export_parameters(build_network(config, layout.n_features, layout.n_actions, seed=0)))
     level = LevelSupply().training("easy", 0)
-    Rollouts(MAX_TRAINS).play(level, twin, epsilon=0.5, key=0)
+    play(Rollouts(MAX_TRAINS), level, Acting(twin, epsilon=0.5))
     world = CompiledWorld(1, level.n_trains)
     world.load(0, level)
     world.observe_deciding()
-    twin.in_episode(0.5, 0, level.n_trains)(world.observe(0, 0), 0, 0)
+    twin.in_episode(0.5, 0, twin.zero_state(level.n_trains))(world.observe(0, 0), 0, 0)
     world.step(np.zeros((1, level.n_trains), np.int8))
 
 

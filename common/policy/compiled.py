@@ -1,7 +1,6 @@
 # ruff: noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
 """Acting with a network's compiled twin: outputs and choices for a batch of trains, each as if it were alone."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ from common.kernel import kernel
 from common.policy.choosing import choose, draw_counter, log_probability
 from common.policy.packing import ACTOR_CRITIC, Arrays, Layout
 from common.policy.twin import forward
+from common.rail.play import Choose, Decision
 
 
 class Choices(NamedTuple):
@@ -109,19 +109,15 @@ class Twin:
         choose_rows(self.header, outputs, greedy, epsilons, keys, counters, choices.actions, choices.log_probabilities)
         return choices
 
-    def in_episode(
-        self, epsilon: float, key: int, n_trains: int, *, greedy: bool = False
-    ) -> Callable[[NDArray[np.float32], int, int], int]:
-        """The choice of an action by (observation [F], step, train), for one episode of `n_trains`.
-
-        As `acting.EpsilonGreedy.in_episode`, for every kind of network; the trains' states start at zero.
-        """
-        states = self.zero_state(n_trains)
+    def in_episode(self, epsilon: float, key: int, states: NDArray[np.float32], *, greedy: bool = False) -> Choose:
+        """The choices of an episode whose trains carry `states` [N, S] along; see `act` for the other arguments."""
         keys, epsilons = np.array([key], np.uint64), np.array([epsilon])
 
-        def choose(observation: NDArray[np.float32], step: int, train: int) -> int:
-            counters = np.array([draw_counter(step, n_trains, train)], np.uint64)
+        def decide(observation: NDArray[np.float32], step: int, train: int) -> Decision:
+            counters = np.array([draw_counter(step, len(states), train)], np.uint64)
             state = states[train : train + 1]
-            return int(self.act(observation[None], epsilons, keys, counters, state, greedy=greedy).actions[0])
+            choices = self.act(observation[None], epsilons, keys, counters, state, greedy=greedy)
+            value = float(choices.outputs[0, -1]) if self.layout.kind == "actor-critic" else 0.0
+            return Decision(int(choices.actions[0]), float(choices.log_probabilities[0]), value)
 
-        return choose
+        return decide

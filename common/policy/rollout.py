@@ -1,26 +1,89 @@
 # ruff: noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
-"""Whole episodes in one call: the compiled world and a network's compiled twin, from the first step to the last.
+"""Whole episodes, or fragments of them, in one call: the compiled world and a network's compiled twin.
 
-What comes out equals `common.rail.play.play` with `Twin.in_episode`, to the bit: the same kernels, called from compiled
-code instead of from Python.
+What comes out equals `common.rail.play.Stage` with `Twin.in_episode`, to the bit: the same kernels, called from
+compiled code instead of from Python.
 """
+
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import kernel
+from common.kernel import bare_kernel, kernel
 from common.levels.level import Level
-from common.policy.choosing import choose, draw_counter
-from common.policy.compiled import Twin
+from common.policy.choosing import choose, draw_counter, log_probability
+from common.policy.packing import ACTOR_CRITIC
+from common.policy.player import NO_ACTIONS, Acting
 from common.policy.twin import forward_row, workspace_size
 from common.rail.compiled.batches import step_all
 from common.rail.compiled.looking import look
 from common.rail.compiled.tree import N_NODE_FEATURES
 from common.rail.compiled.world import CompiledWorld, Parts
-from common.rail.play import Recording
+from common.rail.play import NONE, Recording
 from common.rail.world import MOVE_FORWARD
 
-_NONE = -1
+_NONE = NONE
+
+
+class Notes(NamedTuple):
+    """Where compiled code writes what happens; room for all decisions of an episode.
+
+    Attributes:
+        vectors: [room, nodes, 12], what was seen, a decision a row.
+        times: [room].
+        trains: [room].
+        actions: [room].
+        log_probabilities: [room].
+        values: [room].
+        rewards: [step limit, N].
+    """
+
+    vectors: NDArray[np.float32]
+    times: NDArray[np.int32]
+    trains: NDArray[np.int32]
+    actions: NDArray[np.int8]
+    log_probabilities: NDArray[np.float32]
+    values: NDArray[np.float32]
+    rewards: NDArray[np.float32]
+
+
+@bare_kernel
+def tick(
+    parts: Parts, doing: NDArray[np.int8], gained: NDArray[np.float32], step: int, arrived_at: NDArray[np.int32]
+) -> None:
+    """One step of slot 0, and who arrived on it."""
+    step_all(
+        parts.batch, doing, gained, parts.deciding, parts.arrived, parts.over, parts.decisions, parts.legacy, False
+    )
+    for train in range(len(arrived_at)):
+        if parts.arrived[0, train] and arrived_at[train] == _NONE:
+            arrived_at[train] = step
+
+
+@kernel
+def follow(parts: Parts, actions: NDArray[np.int8], steps: int, arrived_at: NDArray[np.int32]) -> int:
+    """Take the first `steps` of an episode with the actions [D] of its decisions, unseen; returns how many there were.
+
+    Args:
+        parts: a world of one slot, freshly loaded.
+        actions: of all decisions, in the order of (time, train); those missing count as MOVE_FORWARD.
+        steps: how many.
+        arrived_at: [N], the step on which a train arrived, -1 for none; carried on.
+    """
+    doing = np.empty(parts.deciding.shape, np.int8)
+    gained = np.empty(parts.deciding.shape, np.float32)
+    decisions = 0
+    for step in range(steps):
+        doing[0, :] = MOVE_FORWARD
+        for train in range(len(arrived_at)):
+            if parts.deciding[0, train]:
+                if decisions < len(actions):
+                    doing[0, train] = actions[decisions]
+                decisions += 1
+        tick(parts, doing, gained, step, arrived_at)
+    return decisions
 
 
 @kernel
@@ -32,29 +95,25 @@ def run(
     greedy: bool,
     epsilon: float,
     key: np.uint64,
-    vectors: NDArray[np.float32],
-    times: NDArray[np.int32],
-    trains: NDArray[np.int32],
-    actions: NDArray[np.int8],
-    rewards: NDArray[np.float32],
+    first_step: int,
+    last_step: int,
+    notes: Notes,
     arrived_at: NDArray[np.int32],
 ) -> tuple[int, int]:
-    """Run slot 0 to its end; returns the numbers of decisions D and of steps T.
+    """Run slot 0 until its episode is over or `last_step` is reached; returns the numbers of decisions D and steps T.
 
     Args:
-        parts: a world of one slot, freshly loaded.
+        parts: a world of one slot, `first_step` steps into its episode.
         header: of the network, see `common.policy.packing`.
         parameters: of the network.
         states: [N, S], what trains carry along; overwritten.
         greedy: take the best; the draws are not looked at.
         epsilon: only for action values.
         key: of the episode's stream of exploration.
-        vectors: [room, nodes, 12], what was seen, a decision a row; room for N times the step limit.
-        times: [room].
-        trains: [room].
-        actions: [room].
-        rewards: [step limit, N].
-        arrived_at: [N], the step on which a train arrived, -1 for none.
+        first_step: steps of the episode before.
+        last_step: where to stop if the episode goes on.
+        notes: overwritten.
+        arrived_at: [N], the step on which a train arrived, -1 for none; carried on.
     """
     size = workspace_size(header)
     places, values, sums = np.empty(size, np.int64), np.empty(size, np.float32), np.empty(size, np.float32)
@@ -62,90 +121,113 @@ def run(
     out = np.empty(n_actions + 1, np.float32)
     doing = np.empty(parts.deciding.shape, np.int8)
     gained = np.empty(parts.deciding.shape, np.float32)
-    decisions = steps = 0
-    arrived_at[:] = _NONE
-    while not parts.over[0]:
+    decisions, step = 0, first_step
+    while step < last_step and not parts.over[0]:
         doing[0, :] = MOVE_FORWARD
         asking = 0
         for train in range(n_trains):
             if parts.deciding[0, train]:
-                times[decisions + asking], trains[decisions + asking] = steps, train
+                notes.times[decisions + asking], notes.trains[decisions + asking] = step, train
                 asking += 1
         if asking:
-            seen = vectors[decisions : decisions + asking]
+            seen = notes.vectors[decisions : decisions + asking]
             look(parts.batch, parts.sight, parts.deciding, parts.tree, parts.depth, seen)
             for row in range(asking):
-                train = trains[decisions + row]
+                at, train = decisions + row, notes.trains[decisions + row]
                 x = seen[row].reshape(seen[row].size)
                 forward_row(header, parameters, x, states[train], out, places, values, sums)
-                counter = np.uint64(draw_counter(steps, n_trains, train))
-                action = choose(header, out[:n_actions], greedy, epsilon, key, counter)
-                doing[0, train] = actions[decisions + row] = action
+                scores = out[:n_actions]
+                counter = np.uint64(draw_counter(step, n_trains, train))
+                action = choose(header, scores, greedy, epsilon, key, counter)
+                doing[0, train] = notes.actions[at] = action
+                is_policy = header[0] == ACTOR_CRITIC
+                notes.log_probabilities[at] = log_probability(scores, action) if is_policy else 0.0
+                notes.values[at] = out[n_actions] if is_policy else np.float32(0)
             decisions += asking
-        step_all(
-            parts.batch, doing, gained, parts.deciding, parts.arrived, parts.over, parts.decisions, parts.legacy, False
-        )
+        tick(parts, doing, gained, step, arrived_at)
         for train in range(n_trains):
-            rewards[steps, train] = gained[0, train]
-            if parts.arrived[0, train] and arrived_at[train] == _NONE:
-                arrived_at[train] = steps
-        steps += 1
-    return decisions, steps
+            notes.rewards[step - first_step, train] = gained[0, train]
+        step += 1
+    return decisions, step - first_step
 
 
 class Rollouts:
-    """Plays one episode after the other; the arrays that it records into are used again."""
+    """A `common.policy.player.Player` in compiled code; the arrays that it notes things in are used again."""
 
-    def __init__(self, max_trains: int) -> None:
+    def __init__(self, max_trains: int, on_step: Callable[[], None] = lambda: None) -> None:
         self._world = CompiledWorld(1, max_trains)
-        self._vectors = np.empty((0, self._world.n_features // N_NODE_FEATURES, N_NODE_FEATURES), np.float32)
-        self._marks = np.empty((2, 0), np.int32)  # times and trains
-        self._actions = np.empty(0, np.int8)
+        self._on_step = on_step
+        self._level: Level | None = None
+        self._step = 0
+        self._arrived_at = np.zeros(0, np.int32)
+        self._notes = self._room(0, 0, 0)
 
-    def play(self, level: Level, twin: Twin, epsilon: float, key: int, *, greedy: bool = False) -> Recording:
-        """One episode of `level` under the study's rules; see `Twin.in_episode` for the other arguments.
-
-        Raises:
-            ValueError: the level has more trains than there is room for.
-        """
+    def begin(self, level: Level, actions: NDArray[np.int8] = NO_ACTIONS, steps: int = 0) -> None:
+        """See `common.policy.player.Player`."""
         self._world.load(0, level)
-        self._make_room(level.n_trains * level.max_steps)
-        recording = Recording(level, self._world.n_features)
-        rewards = np.empty((level.max_steps, level.n_trains), np.float32)
-        parts = self._world.parts()
-        decisions, steps = run(
+        self._level, self._step = level, steps
+        self._arrived_at = np.full(level.n_trains, NONE, np.int32)
+        if follow(self._world.parts(), actions, steps, self._arrived_at) != len(actions):
+            raise ValueError(f"{len(actions)} actions do not fit the first {steps} steps of this level")
+        decisions = level.n_trains * level.max_steps
+        if decisions > len(self._notes.actions) or level.max_steps > len(self._notes.rewards):
+            self._notes = self._room(decisions, level.max_steps, self._world.max_trains)
+
+    def advance(self, acting: Acting, states: NDArray[np.float32], steps: int | None = None) -> Recording:
+        """See `common.policy.player.Player`."""
+        if self._level is None:
+            raise ValueError("nothing to advance: begin an episode first")
+        self._on_step()
+        twin, parts, first_step = acting.twin, self._world.parts(), self._step
+        decisions, taken = run(
             parts,
             twin.header,
             twin.parameters,
-            twin.zero_state(level.n_trains),
-            greedy,
-            epsilon,
-            np.uint64(key),
-            self._vectors,
-            self._marks[0],
-            self._marks[1],
-            self._actions,
-            rewards,
-            recording.arrived_at,
+            states,
+            acting.greedy,
+            acting.epsilon,
+            np.uint64(acting.key),
+            first_step,
+            self._level.max_steps if steps is None else first_step + steps,
+            self._notes,
+            self._arrived_at,
         )
-        recording.observations = list(self._vectors[:decisions].reshape(decisions, -1).copy())
-        recording.times, recording.trains = (marks[:decisions].tolist() for marks in self._marks)
-        recording.actions = self._actions[:decisions].tolist()
-        recording.rewards = list(rewards[:steps])
-        self._look_back(recording, parts)
-        return recording
+        self._step += taken
+        notes = self._notes
+        return Recording(
+            level=self._level,
+            first_step=first_step,
+            over=bool(parts.over[0]),
+            observations=notes.vectors[:decisions].reshape(decisions, self._world.n_features).copy(),
+            times=notes.times[:decisions].copy(),
+            trains=notes.trains[:decisions].copy(),
+            actions=notes.actions[:decisions].copy(),
+            log_probabilities=notes.log_probabilities[:decisions].copy(),
+            values=notes.values[:decisions].copy(),
+            rewards=notes.rewards[:taken, : self._level.n_trains].copy(),
+            arrived_at=self._arrived_at.copy(),
+            final_observations=self._look_back(parts),
+            states=states.copy(),
+        )
 
-    def _look_back(self, recording: Recording, parts: Parts) -> None:
+    def _look_back(self, parts: Parts) -> NDArray[np.float32]:
+        final = np.zeros((len(self._arrived_at), self._world.n_features), np.float32)
         asking = np.zeros_like(parts.deciding)
-        asking[0, : len(recording.arrived_at)] = recording.arrived_at == _NONE
+        asking[0, : len(self._arrived_at)] = parts.over[0] & (self._arrived_at == NONE)
         count = np.count_nonzero(asking)
         if count:
-            seen = np.empty((count, *self._vectors.shape[1:]), np.float32)
+            seen = np.empty((count, *self._notes.vectors.shape[1:]), np.float32)
             look(parts.batch, parts.sight, asking, parts.tree, parts.depth, seen)
-            recording.final_observations[recording.arrived_at == _NONE] = seen.reshape(count, -1)
+            final[self._arrived_at == NONE] = seen.reshape(count, self._world.n_features)
+        return final
 
-    def _make_room(self, decisions: int) -> None:
-        if decisions > len(self._actions):
-            self._vectors = np.empty((decisions, *self._vectors.shape[1:]), np.float32)
-            self._marks = np.empty((2, decisions), np.int32)
-            self._actions = np.empty(decisions, np.int8)
+    def _room(self, decisions: int, steps: int, trains: int) -> Notes:
+        return Notes(
+            vectors=np.empty((decisions, self._world.n_features // N_NODE_FEATURES, N_NODE_FEATURES), np.float32),
+            times=np.empty(decisions, np.int32),
+            trains=np.empty(decisions, np.int32),
+            actions=np.empty(decisions, np.int8),
+            log_probabilities=np.empty(decisions, np.float32),
+            values=np.empty(decisions, np.float32),
+            rewards=np.empty((steps, trains), np.float32),
+        )

@@ -1,7 +1,8 @@
-"""Playing episodes: levels and choices in, recordings out. A batch runs through one world, each episode on its own."""
+"""Playing episodes: a level and choices in, recordings out; an episode whole, or one fragment after the other."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,84 +10,146 @@ from numpy.typing import NDArray
 from common.levels.level import Level
 from common.rail.world import MOVE_FORWARD, World
 
-Choose = Callable[[NDArray[np.float32], int, int], int]  # observation [F], step, train -> action
+NONE = -1  # not arrived
 
 
-@dataclass
+class Decision(NamedTuple):
+    """What a train does, and for policies with what log-probability and expecting which value."""
+
+    action: int
+    log_probability: float = 0.0
+    value: float = 0.0
+
+
+Choose = Callable[[NDArray[np.float32], int, int], Decision]  # observation [F], step, train
+
+
+@dataclass(frozen=True)
 class Recording:
-    """What happened in one episode; decisions are in the order of (time, train).
+    """What happened in an episode or a fragment of one, of T steps; its D decisions are in the order of (time, train).
 
     Attributes:
-        observations, times, trains, actions: one entry a decision.
-        rewards: a row [N] a step.
-        arrived_at: [N], the step (0-based) on which a train arrived, -1 for none.
-        final_observations: [N, F], what trains saw that the step limit stopped; zeros for those that arrived.
+        first_step: steps of the episode before.
+        over: the episode has ended.
+        observations: [D, F].
+        times: [D], steps since the start of the episode.
+        trains: [D].
+        actions: [D].
+        log_probabilities: [D], of the actions; zero for networks of action values.
+        values: [D], of what was observed; zero for networks of action values.
+        rewards: [T, N].
+        arrived_at: [N], the step since the start of the episode on which a train arrived, -1 for none so far.
+        final_observations: [N, F], what trains saw that the step limit stopped; else zeros.
+        states: [N, S], what trains carry along.
     """
 
     level: Level
-    n_features: int
-    observations: list[NDArray[np.float32]] = field(default_factory=list)
-    times: list[int] = field(default_factory=list)
-    trains: list[int] = field(default_factory=list)
-    actions: list[int] = field(default_factory=list)
-    rewards: list[NDArray[np.float32]] = field(default_factory=list)
-    arrived_at: NDArray[np.int32] = field(init=False)
-    final_observations: NDArray[np.float32] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.arrived_at = np.full(self.level.n_trains, -1, np.int32)
-        self.final_observations = np.zeros((self.level.n_trains, self.n_features), np.float32)
+    first_step: int
+    over: bool
+    observations: NDArray[np.float32]
+    times: NDArray[np.int32]
+    trains: NDArray[np.int32]
+    actions: NDArray[np.int8]
+    log_probabilities: NDArray[np.float32]
+    values: NDArray[np.float32]
+    rewards: NDArray[np.float32]
+    arrived_at: NDArray[np.int32]
+    final_observations: NDArray[np.float32]
+    states: NDArray[np.float32]
 
     @property
-    def steps(self) -> int:
-        return len(self.rewards)
+    def last_step(self) -> int:
+        """Steps of the episode so far."""
+        return self.first_step + len(self.rewards)
 
     @property
     def normalised_return(self) -> float:
         """Sum of all rewards / (trains * max steps)."""
-        return float(np.sum(self.rewards, dtype=np.float64)) / (self.level.n_trains * self.level.max_steps)
-
-    def decide(self, observation: NDArray[np.float32], train: int, action: int) -> None:
-        """Note a decision of the coming step."""
-        self.observations.append(observation)
-        self.times.append(self.steps)
-        self.trains.append(train)
-        self.actions.append(action)
-
-    def stepped(self, rewards: NDArray[np.float32], arrived: NDArray[np.bool_]) -> None:
-        """Note what a step brought, both [N]."""
-        self.arrived_at[arrived & (self.arrived_at < 0)] = self.steps
-        self.rewards.append(rewards)
+        return float(self.rewards.sum(dtype=np.float64)) / (self.level.n_trains * self.level.max_steps)
 
 
-def play(
-    world: World, levels: Sequence[Level], choices: Sequence[Choose], on_step: Callable[[], None] = lambda: None
-) -> list[Recording]:
-    """Run one episode a level, at most `world.slots` of them, to their ends.
+class Stage:
+    """A world of one slot, of any engine, that plays one episode at a time. `on_step` is called before every step."""
 
-    Args:
-        world: any engine.
-        levels: a level a slot.
-        choices: a policy a slot, asked for deciding trains only.
-        on_step: called before every step, for signs of life; what it raises ends the play.
-    """
-    recordings = [Recording(level, world.n_features) for level in levels]
-    for slot, level in enumerate(levels):
-        world.load(slot, level)
-    actions = np.full((world.slots, world.max_trains), MOVE_FORWARD, np.int8)
-    while not (over := world.over())[: len(levels)].all():
-        on_step()
-        actions[:] = MOVE_FORWARD
-        for slot, train in np.argwhere(world.deciding()).tolist():
-            observation = world.observe(slot, train)
-            recording = recordings[slot]
-            actions[slot, train] = choices[slot](observation, recording.steps, train)
-            recording.decide(observation, train, int(actions[slot, train]))
-        rewards, arrived = world.step(actions), world.arrived()
-        for slot in np.flatnonzero(~over[: len(levels)]).tolist():
-            n = levels[slot].n_trains
-            recordings[slot].stepped(rewards[slot, :n].copy(), arrived[slot, :n])
-    for slot, recording in enumerate(recordings):
-        for train in np.flatnonzero(recording.arrived_at < 0).tolist():
-            recording.final_observations[train] = world.observe(slot, train)
-    return recordings
+    def __init__(self, world: World, on_step: Callable[[], None] = lambda: None) -> None:
+        self._world = world
+        self._on_step = on_step
+        self._level: Level | None = None
+        self._step = 0
+        self._arrived_at = np.zeros(0, np.int32)
+
+    def begin(self, level: Level, actions: NDArray[np.int8], steps: int) -> None:
+        """Start an episode and take its first `steps`, with the `actions` of all decisions in them.
+
+        Raises:
+            ValueError: there are more or fewer decisions than actions.
+        """
+        self._world.load(0, level)
+        self._level, self._step = level, 0
+        self._arrived_at = np.full(level.n_trains, NONE, np.int32)
+        given = iter(actions.tolist())
+        try:
+            for _ in range(steps):
+                self._take({train: next(given) for train in self._deciding()})
+        except StopIteration:
+            given = iter([NONE])
+        if next(given, None) is not None:
+            raise ValueError(f"{len(actions)} actions do not fit the first {steps} steps of this level")
+
+    def advance(self, choose: Choose, states: NDArray[np.float32], steps: int | None = None) -> Recording:
+        """Play on, to the end or for at most `steps`; `states` [N, S] are those that `choose` changes."""
+        level, first_step = self._level, self._step
+        if level is None:
+            raise ValueError("nothing to advance: begin an episode first")
+        last_step = level.max_steps if steps is None else first_step + steps
+        observations, marks, decisions, rewards = [], [], [], []
+        while self._step < last_step and not self._world.over()[0]:
+            chosen = {}
+            for train in self._deciding():
+                observation = self._world.observe(0, train)
+                decision = choose(observation, self._step, train)
+                chosen[train] = decision.action
+                observations.append(observation)
+                marks.append((self._step, train))
+                decisions.append(decision)
+            rewards.append(self._take(chosen))
+        count, n_trains = len(decisions), level.n_trains
+        times, trains = np.array(marks, np.int32).reshape(count, 2).T.copy()
+        taken = np.array(decisions).reshape(count, 3).T
+        return Recording(
+            level=level,
+            first_step=first_step,
+            over=bool(self._world.over()[0]),
+            observations=np.array(observations, np.float32).reshape(count, self._world.n_features),
+            times=times,
+            trains=trains,
+            actions=taken[0].astype(np.int8),
+            log_probabilities=taken[1].astype(np.float32),
+            values=taken[2].astype(np.float32),
+            rewards=np.array(rewards, np.float32).reshape(-1, n_trains),
+            arrived_at=self._arrived_at.copy(),
+            final_observations=self._look_back(),
+            states=states.copy(),
+        )
+
+    def _deciding(self) -> list[int]:
+        trains: list[int] = np.flatnonzero(self._world.deciding()[0]).tolist()
+        return trains
+
+    def _take(self, chosen: dict[int, int]) -> NDArray[np.float32]:
+        self._on_step()
+        actions = np.full((self._world.slots, self._world.max_trains), MOVE_FORWARD, np.int8)
+        for train, action in chosen.items():
+            actions[0, train] = action
+        n_trains = len(self._arrived_at)
+        rewards = self._world.step(actions)[0, :n_trains].copy()
+        self._arrived_at[self._world.arrived()[0, :n_trains] & (self._arrived_at == NONE)] = self._step
+        self._step += 1
+        return rewards
+
+    def _look_back(self) -> NDArray[np.float32]:
+        final = np.zeros((len(self._arrived_at), self._world.n_features), np.float32)
+        if self._world.over()[0]:
+            for train in np.flatnonzero(self._arrived_at == NONE).tolist():
+                final[train] = self._world.observe(0, train)
+        return final

@@ -5,13 +5,15 @@ import threading
 import time
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.bus import NoAnswer
 from common.config import Serves
 from common.levels.bank import bank_root
+from common.levels.level import Level
 from common.levels.supply import LevelSupply
 from common.policy.compiled import Twin
-from common.policy.player import MAX_TRAINS, network_layout, player
+from common.policy.player import MAX_TRAINS, Acting, network_layout, player
 from common.process import Place
 from common.rail.play import Recording
 from common.records import Episode, Lease, LeaseAnswer, LeaseRequest, Weights, WeightsRequest
@@ -58,14 +60,16 @@ class Actor:
     def __init__(self, place: Place, serves: Serves) -> None:
         self._place = place
         self._serves = serves
-        self._kept: dict[int, Episode] = {}
+        self._kept: dict[tuple[int, int], Episode] = {}  # by episode and fragment
         self._shelf = Shelf(place.config.lag + 2)
         self._levels = LevelSupply.from_folder(bank_root(place.folder.path.parent))
-        self._play = player(place.config.engine, MAX_TRAINS, self._on_step)
+        self._player = player(place.config.engine, MAX_TRAINS, self._on_step)
+        self._stands_at: tuple[int, int] | None = None  # episode and steps that the player's world is at
         self._twin = Twin(network_layout(place.config.network))
         self._loaded: int | None = None
         self._acting = 0  # the episode
         self._acted = 0
+        self._idle_since = time.perf_counter()
 
     def run(self) -> None:
         """Serve until told to stop."""
@@ -88,7 +92,7 @@ class Actor:
             actor=self._place.name,
             incarnation=self._place.incarnation,
             serves=self._serves,
-            kept=sorted(self._kept),
+            kept=np.array(sorted(self._kept), np.int64).reshape(-1, 2),
         )
         try:
             return self._place.bus.ask(keys.LEASE, request, ASK_TIMEOUT_S, lambda: self._place.stopping.asked)
@@ -97,12 +101,12 @@ class Actor:
             return None
 
     def _settle(self, answer: LeaseAnswer) -> None:
-        for episode in [e for e in self._kept if e < answer.safe_before]:
-            del self._kept[episode]
-        for episode in answer.missing:
-            log.info("publishes episode %d again: the learner misses it", episode)
-            self._place.bus.publish(keys.EPISODES, self._kept[episode])
-        if answer.missing:
+        for unit in [unit for unit in self._kept if unit[0] < answer.safe_before]:
+            del self._kept[unit]
+        for episode, fragment in answer.missing.tolist():
+            log.info("publishes episode %d, fragment %d again: the learner misses it", episode, fragment)
+            self._place.bus.publish(keys.EPISODES, self._kept[episode, fragment])
+        if len(answer.missing):
             self._place.stopping.wait(RETRY_S)  # what the learner refuses stays missing: no storm
 
     def _serve(self, lease: Lease) -> None:
@@ -110,9 +114,10 @@ class Actor:
             return  # the next question for work gives the lease back
         self._acting = lease.episode
         episode = self._act(lease)
-        self._kept[lease.episode] = episode
-        self._acted += 1
+        self._kept[lease.episode, lease.fragment] = episode
+        self._acted += episode.over
         self._place.bus.publish(keys.EPISODES, episode)
+        self._idle_since = time.perf_counter()
 
     def _load(self, version: int) -> bool:
         if self._loaded != version:
@@ -133,9 +138,23 @@ class Actor:
     def _act(self, lease: Lease) -> Episode:
         begin = time.perf_counter()
         level = self._levels.training(lease.level, lease.level_seed)
+        states = self._stand_at(lease, level)
         key = stream_key(self._place.config.seed, lease.episode, "explore")
-        recording = self._play(level, self._twin, lease.epsilon, key)
-        return _episode(lease, recording, self._place.name, time.perf_counter() - begin)
+        recording = self._player.advance(Acting(self._twin, lease.epsilon, key), states, lease.steps)
+        self._stands_at = (lease.episode, recording.last_step)
+        acting_s = time.perf_counter() - begin
+        return _episode(lease, recording, self._place.name, acting_s, waited_s=begin - self._idle_since)
+
+    def _stand_at(self, lease: Lease, level: Level) -> NDArray[np.float32]:
+        """Bring the world to where the lease goes on, unless it stands there; returns the trains' states [N, S]."""
+        before = lease.progressed
+        if before is None:
+            self._player.begin(level)
+            return self._twin.zero_state(level.n_trains)
+        if self._stands_at != (lease.episode, before.first_step):
+            self._stands_at = None  # until all goes well
+            self._player.begin(level, before.actions, before.first_step)
+        return before.states.copy()
 
     def _on_step(self) -> None:
         if self._place.stopping.asked:
@@ -146,27 +165,28 @@ class Actor:
         self._place.heart.beat(state, lambda: {"acted": float(self._acted), "kept": float(len(self._kept))})
 
 
-def _episode(lease: Lease, recording: Recording, actor: str, acting_s: float) -> Episode:
+def _episode(lease: Lease, recording: Recording, actor: str, acting_s: float, waited_s: float) -> Episode:
     return Episode(
         episode=lease.episode,
-        fragment=0,
-        first_step=0,
-        over=True,
+        fragment=lease.fragment,
+        first_step=recording.first_step,
+        over=recording.over,
         level=lease.level,
         level_seed=lease.level_seed,
         level_hash=recording.level.content_hash,
         weights_version=lease.weights_version,
         actor=actor,
         acting_s=acting_s,
+        waited_s=waited_s,
         max_steps=recording.level.max_steps,
-        observations=np.array(recording.observations, np.float32).reshape(-1, recording.n_features),
-        times=np.array(recording.times, np.int32),
-        trains=np.array(recording.trains, np.int32),
-        actions=np.array(recording.actions, np.int8),
-        log_probabilities=np.zeros(len(recording.actions), np.float32),
-        values=np.zeros(len(recording.actions), np.float32),
-        rewards=np.array(recording.rewards, np.float32),
+        observations=recording.observations,
+        times=recording.times,
+        trains=recording.trains,
+        actions=recording.actions,
+        log_probabilities=recording.log_probabilities,
+        values=recording.values,
+        rewards=recording.rewards,
         arrived_at=recording.arrived_at,
         final_observations=recording.final_observations,
-        states=np.zeros((len(recording.arrived_at), 0), np.float32),
+        states=recording.states,
     )

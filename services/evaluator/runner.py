@@ -7,9 +7,7 @@ import numpy as np
 from common.config import Difficulty
 from common.levels.supply import LevelSupply
 from common.policy.compiled import Twin
-from common.policy.player import Player
-
-GREEDY = 0.0  # epsilon
+from common.policy.player import Acting, Player, play
 
 
 @dataclass(frozen=True)
@@ -22,14 +20,14 @@ class Score:
     mean_steps: float
 
 
-def evaluate(play: Player, twin: Twin, supply: LevelSupply, difficulty: Difficulty, levels: int) -> Score:
+def evaluate(player: Player, twin: Twin, supply: LevelSupply, difficulty: Difficulty, levels: int) -> Score:
     """Play the first `levels` evaluation levels greedily and sum up."""
     returns, arrived, steps = [], [], []
     for index in range(levels):
-        recording = play(supply.evaluation(difficulty, index), twin, GREEDY, 0)
+        recording = play(player, supply.evaluation(difficulty, index), Acting(twin, greedy=True))
         returns.append(recording.normalised_return)
         arrived.append(recording.arrived_at >= 0)
-        steps.append(recording.steps)
+        steps.append(recording.last_step)
     return Score(
         normalised_return=float(np.mean(returns)),
         arrived_share=float(np.mean([share.mean() for share in arrived])),

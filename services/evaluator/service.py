@@ -51,7 +51,7 @@ class Evaluator:
         self._done = {(row.episode, row.level) for row in self._file.rows}
         self._announced = threading.Event()
         self._levels = LevelSupply.from_folder(bank_root(place.folder.path.parent))
-        self._play = player(place.config.engine, MAX_TRAINS, self._on_step)
+        self._player = player(place.config.engine, MAX_TRAINS, self._on_step)
         self._twin = Twin(network_layout(place.config.network))
 
     def run(self) -> None:
@@ -104,7 +104,7 @@ class Evaluator:
     def _score(self, episode: int, level: Difficulty, weights_digest: str) -> EvaluationRow:
         begin = time.perf_counter()
         levels = self._config.evaluation.levels
-        score = evaluate(self._play, self._twin, self._levels, level, levels)
+        score = evaluate(self._player, self._twin, self._levels, level, levels)
         return EvaluationRow(
             episode=episode,
             level=level,

@@ -40,6 +40,7 @@ class Archive:
         except DamagedRows as error:
             raise Fatal(str(error)) from None
         self.snapshot = 0  # episodes in the newest snapshot
+        self.version = 0  # of the weights in it
         self.exact_until: int | None = None  # set when a snapshot comes from another arithmetic
 
     @property
@@ -62,6 +63,7 @@ class Archive:
             if metadata.get("science") != self._science:
                 raise Fatal("the newest snapshot has another configuration: restore config.yaml or use a new run name")
             self.snapshot = int(metadata.get("episode", "0"))
+            self.version = int(metadata.get("weights_version", "0"))
             if metadata.get("arithmetic") != arithmetic():
                 self.exact_until = self.snapshot
                 log.warning("exactness ends at episode %d: snapshot %s", self.snapshot, metadata.get("arithmetic"))
@@ -73,6 +75,10 @@ class Archive:
         self._expected = {row.episode: row.digest for row in self._rows.cut(self.snapshot)}
         return tensors
 
+    def close(self) -> None:
+        """Close the row file."""
+        self._rows.close()
+
     def append(self, row: EpisodeRow) -> None:
         """Write the row of a trained episode."""
         before = self._expected.pop(row.episode, row.digest)
@@ -80,18 +86,18 @@ class Archive:
             log.error("episode %d is not what it was before the restart: %s, then %s", row.episode, before, row.digest)
         self._rows.append(row)
 
-    def save_snapshot(self, state: Tensors, episode: int, kept: int = KEPT_SNAPSHOTS) -> None:
+    def save_snapshot(self, state: Tensors, episode: int, version: int, kept: int = KEPT_SNAPSHOTS) -> None:
         """Write everything that training goes on from, and keep the last few."""
         self._rows.sync()
-        checkpoint.save(_file(self._folder.snapshots, episode), state, self._metadata(episode), "snapshot")
+        checkpoint.save(_file(self._folder.snapshots, episode), state, self._metadata(episode, version), "snapshot")
         self.snapshot = episode
         for old in sorted(self._folder.snapshots.glob("*.safetensors"))[:-kept]:
             old.unlink()
 
-    def save_checkpoint(self, weights: Tensors, episode: int) -> Path:
+    def save_checkpoint(self, weights: Tensors, episode: int, version: int) -> Path:
         """Write what acts and is evaluated."""
         path = _file(self._folder.checkpoints, episode)
-        checkpoint.save(path, weights, self._metadata(episode), "checkpoint")
+        checkpoint.save(path, weights, self._metadata(episode, version), "checkpoint")
         return path
 
     def checkpoint_content(self, episode: int) -> bytes | None:
@@ -105,11 +111,11 @@ class Archive:
         found = sorted(int(stem) for stem in stems if stem.isdecimal())  # a user may keep others beside ours
         return [episode for episode in found if episode <= trained]
 
-    def _metadata(self, episode: int) -> dict[str, str]:
+    def _metadata(self, episode: int, version: int) -> dict[str, str]:
         return {
             "algorithm": self._algorithm,
             "episode": str(episode),
-            "weights_version": str(episode),
+            "weights_version": str(version),
             "science": self._science,
             "arithmetic": arithmetic(),
         }

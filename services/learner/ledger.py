@@ -1,25 +1,31 @@
-"""The ledger: which episode is waiting, leased, received or trained. Pure: no clock, no bus, no disk.
+"""The ledger: which episode, or which fragment of one, is waiting, leased, received or trained.
 
-Episode e acts with the weights after episode e - 1 - lag, so it may be leased once e - lag episodes are trained.
-Training is strictly in order. Leases belong to living actors only; a dead actor's episodes wait again.
+Pure: no clock, no bus, no disk. Episode e acts with the weights after episode e - 1 - lag, so it may be leased once
+e - lag episodes are trained. With lag 0 an episode may come in fragments: each acts with the weights after the one
+before. Training is strictly in order. Leases belong to living actors only; what a dead actor had leased waits again.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from common.config import Difficulty
 from common.records import Episode
+
+Unit = tuple[int, int]  # episode, fragment
 
 
 class Ledger:
     """The account of the episodes 0..N-1 of a run."""
 
-    def __init__(self, difficulties: Sequence[Difficulty], lag: int, trained: int = 0) -> None:
+    def __init__(self, difficulties: Sequence[Difficulty], lag: int, trained: int = 0, version: int = 0) -> None:
         self.difficulties = difficulties
         self._lag = lag
         self.trained = trained  # episodes below this number are trained
-        self._leases: dict[int, str] = {}  # episode -> incarnation of its actor
-        self._received: dict[int, Episode] = {}
+        self.fragment = 0  # of episode `trained`: those below are trained
+        self.version = version  # of the weights: how many fragments were ever trained
+        self._leases: dict[Unit, str] = {}  # to the incarnation of an actor
+        self._received: dict[Unit, Episode] = {}
         self._alive: set[str] = set()
+        self._holder: str | None = None  # the actor whose world stands where the open episode goes on
         self.duplicates = 0
         self.reissued = 0
 
@@ -36,13 +42,13 @@ class Ledger:
         return len(self._leases)
 
     def weights_version(self, episode: int) -> int:
-        """The version of the weights that an episode acts with: version v is after v trained episodes."""
-        return max(0, episode - self._lag)
+        """The version of the weights that an episode, or the open episode's next fragment, acts with."""
+        return self.version - self.trained + max(0, episode - self._lag)
 
     def waiting(self) -> dict[Difficulty, int]:
         """How many episodes of each difficulty could be acted now but are not."""
         counts: dict[Difficulty, int] = {}
-        for episode in self._free():
+        for episode, _ in self._free():
             difficulty = self.difficulties[episode]
             counts[difficulty] = counts.get(difficulty, 0) + 1
         return counts
@@ -56,51 +62,70 @@ class Ledger:
         self._alive.discard(incarnation)
         self._release(incarnation, keep=set())
 
-    def missing(self, incarnation: str, kept: Sequence[int]) -> list[int]:
-        """Of the episodes that an actor keeps, those that the learner lacks; they count as leased to it.
+    def missing(self, incarnation: str, kept: Iterable[Unit]) -> list[Unit]:
+        """Of what an actor keeps, that which the learner lacks; it counts as leased to it.
 
         An actor asks only when it acts nothing, so leases of its that it does not keep never reached it, and end.
         """
-        wanted = [e for e in kept if self.trained <= e < self.total and e not in self._received]
+        wanted = [unit for unit in kept if self._is_to_come(unit) and unit not in self._received]
         self._release(incarnation, keep=set(wanted))
         if incarnation in self._alive:
             self._leases.update(dict.fromkeys(wanted, incarnation))
         return wanted
 
-    def grant(self, incarnation: str, serves: str) -> int | None:
-        """Lease the first waiting episode of a served difficulty to a living actor; none if there is none."""
+    def grant(self, incarnation: str, serves: str) -> Unit | None:
+        """Lease what waits first of a served difficulty to a living actor; none if there is none.
+
+        An open episode goes on where its world already stands, as long as that actor lives.
+        """
         if incarnation not in self._alive:
             return None
-        for episode in self._free():
-            if serves in ("any", self.difficulties[episode]):
-                self._leases[episode] = incarnation
-                return episode
+        for unit in self._free():
+            elsewhere = unit[1] > 0 and self._holder in self._alive and self._holder != incarnation
+            if serves in ("any", self.difficulties[unit[0]]) and not elsewhere:
+                self._leases[unit] = incarnation
+                return unit
         return None
 
     def receive(self, episode: Episode) -> bool:
-        """Take an episode in; false for one that is there or trained already."""
-        number = episode.episode
-        if number < self.trained or number in self._received:
+        """Take an episode or fragment in; false for one that is there or trained already."""
+        unit = (episode.episode, episode.fragment)
+        if not self._is_to_come(unit) or unit in self._received:
             self.duplicates += 1
             return False
-        self._leases.pop(number, None)
-        self._received[number] = episode
+        holder = self._leases.pop(unit, None)
+        if unit == (self.trained, self.fragment):
+            self._holder = holder
+        self._received[unit] = episode
         return True
 
     def next_ready(self) -> Episode | None:
-        """The episode to be trained now, if it is here."""
-        return self._received.get(self.trained)
+        """What is to be trained now, if it is here."""
+        return self._received.get((self.trained, self.fragment))
+
+    def discard(self) -> None:
+        """What `next_ready` named is not as it must be: it waits again."""
+        del self._received[self.trained, self.fragment]
 
     def mark_trained(self) -> None:
-        """The episode that `next_ready` named is trained."""
-        del self._received[self.trained]
-        self.trained += 1
+        """What `next_ready` named is trained."""
+        episode = self._received.pop((self.trained, self.fragment))
+        self.version += 1
+        if episode.over:
+            self.trained += 1
+            self.fragment = 0
+        else:
+            self.fragment += 1
 
-    def _free(self) -> list[int]:
+    def _is_to_come(self, unit: Unit) -> bool:
+        return (self.trained, self.fragment) <= unit < (self.total, 0)
+
+    def _free(self) -> list[Unit]:
         last = min(self.trained + self._lag, self.total - 1)
-        return [e for e in range(self.trained, last + 1) if e not in self._leases and e not in self._received]
+        units = [(e, self.fragment if e == self.trained else 0) for e in range(self.trained, last + 1)]
+        return [unit for unit in units if unit not in self._leases and unit not in self._received]
 
-    def _release(self, incarnation: str, keep: set[int]) -> None:
-        for episode in [e for e, who in self._leases.items() if who == incarnation and e not in keep]:
-            del self._leases[episode]
+    def _release(self, incarnation: str, keep: set[Unit]) -> None:
+        for unit in [unit for unit, who in self._leases.items() if who == incarnation and unit not in keep]:
+            del self._leases[unit]
             self.reissued += 1

@@ -36,6 +36,7 @@ def made_up_episode(number: int) -> Episode:
         weights_version=number,
         actor="selfcheck",
         acting_s=0.0,
+        waited_s=0.0,
         max_steps=STEPS,
         observations=observations,
         times=np.repeat(np.arange(STEPS, dtype=np.int32), TRAINS),

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from common.bus import Question
 from common.checkpoint import Tensors
 from common.config import Difficulty, RunConfig
 from common.process import Fatal, Place
 from common.rail.normalise import N_FEATURES
-from common.rail.world import N_ACTIONS
 from common.records import (
     CheckpointFile,
     CheckpointNotice,
@@ -36,10 +37,12 @@ from common.seeding import training_level_seed
 from common.wire import keys
 from common.wire.keys import Alive
 from services.learner.archive import KEPT_SNAPSHOTS, Archive
-from services.learner.ledger import Ledger
+from services.learner.learning import Learning, build_trainer
+from services.learner.ledger import Ledger, Unit
+from services.learner.opened import OpenEpisode
 from services.learner.replay.transitions import check_order
 from services.learner.schedule import difficulties
-from services.learner.training import Trainer
+from services.learner.telemetry import Telemetry
 
 log = logging.getLogger(__name__)
 
@@ -64,22 +67,21 @@ class Learner:
         self._place = place
         self._config: RunConfig = place.config
         self._archive = Archive(place.folder, place.config)
-        if self._config.dqn is None or self._config.replay is None:
-            raise Fatal(f"rule {self._config.rule} is not here yet")
-        self._trainer = Trainer(
-            seed=self._config.seed,
-            discount=self._config.discount,
-            network=self._config.network,
-            dqn=self._config.dqn,
-            replay=self._config.replay,
-            n_features=N_FEATURES,
-            n_actions=N_ACTIONS,
-        )
+        try:
+            self._trainer = build_trainer(self._config.rule, Learning.of(self._config))
+        except ValueError as error:
+            raise Fatal(str(error)) from None
         self._weights: dict[int, Weights] = {}
         snapshot = self._archive.resume()
         if snapshot is not None:
             self._restore(snapshot)
-        self._ledger = Ledger(difficulties(self._config), self._config.lag, trained=self._archive.snapshot)
+        self._ledger = Ledger(
+            difficulties(self._config), self._config.lag, trained=self._archive.snapshot, version=self._archive.version
+        )
+        self._settled = self._trainer.weights()  # after the last whole episode, which is what checkpoints are of
+        self._open = OpenEpisode()
+        self._steps = sum(row.steps for row in self._archive.rows)  # of all trained episodes
+        self._telemetry = Telemetry(place.folder, self._archive.snapshot)
         self._inbox: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._parked: dict[str, Parked] = {}
         self._paused = place.folder.paused_file.exists()
@@ -110,13 +112,18 @@ class Learner:
                 episode = self._ledger.next_ready()
                 if episode is None:
                     break
-                self._train(episode)
+                self._train_if_right(episode)
                 self._answer_parked()
                 self._take_messages(wait_s=0.0)
             self._answer_parked()
             self._beat()
-        if self._archive.snapshot < self._ledger.trained:
-            self._save_snapshot()
+        if self._archive.snapshot < self._ledger.trained and self._ledger.fragment == 0:
+            self._save_snapshot()  # else the open episode is acted again: its start is not worth waiting for its end
+
+    def close(self) -> None:
+        """Close the files."""
+        self._archive.close()
+        self._telemetry.close()
 
     def _open_doors(self) -> None:
         bus = self._place.bus
@@ -152,18 +159,21 @@ class Learner:
 
     def _on_episode(self, episode: Episode) -> None:
         if (reason := self._wrong(episode)) is not None:
-            self._rejected += 1
-            log.warning("refused episode %d of %s: %s", episode.episode, episode.actor, reason)
+            self._refuse(episode, reason)
         elif not self._ledger.receive(episode):
             log.info("dropped a duplicate of episode %d from %s", episode.episode, episode.actor)
+
+    def _refuse(self, episode: Episode, reason: str) -> None:
+        self._rejected += 1
+        where = f"episode {episode.episode}, fragment {episode.fragment}"
+        log.warning("refused %s of %s: %s", where, episode.actor, reason)
 
     def _wrong(self, episode: Episode) -> str | None:
         if episode.episode >= self._ledger.total:
             return f"this run has {self._ledger.total} episodes"
-        lease = self._lease(episode.episode)
-        for field in ("level", "level_seed", "weights_version"):
-            if getattr(episode, field) != getattr(lease, field):
-                return f"{field} is {getattr(episode, field)}, its lease says {getattr(lease, field)}"
+        lease = self._lease((episode.episode, episode.fragment))
+        if (reason := _differs(episode, lease, "level", "level_seed")) is not None:
+            return reason
         if episode.observations.shape[1] != N_FEATURES:
             return f"observations have {episode.observations.shape[1]} features, the network takes {N_FEATURES}"
         try:
@@ -172,11 +182,23 @@ class Learner:
             return str(reason)
         return None
 
+    def _wrong_now(self, episode: Episode) -> str | None:
+        """What shows only when all that comes before is trained."""
+        lease = self._lease((episode.episode, episode.fragment))
+        if (reason := _differs(episode, lease, "weights_version", "first_step")) is not None:
+            return reason
+        if lease.steps is None and not episode.over:
+            return "it is not over, its lease covers all of it"
+        if lease.steps is not None and not (len(episode.rewards) == lease.steps or episode.over):
+            return f"it has {len(episode.rewards)} steps, its lease {lease.steps}"
+        return None
+
     def _on_lease(self, question: Question[LeaseRequest, LeaseAnswer]) -> None:
         request = question.request
         if old := self._parked.pop(request.incarnation, None):
             old.question.drop()
-        missing = self._ledger.missing(request.incarnation, request.kept)
+        kept = [(episode, fragment) for episode, fragment in request.kept.tolist()]
+        missing = self._ledger.missing(request.incarnation, kept)
         if missing:
             question.answer(self._lease_answer(None, missing))
         else:
@@ -215,7 +237,8 @@ class Learner:
             self._paused = False
             text = f"goes on after episode {self._ledger.trained}"
         else:
-            self._save_snapshot()
+            if self._ledger.fragment == 0:
+                self._save_snapshot()
             text = f"wrote {self._save_checkpoint()}"
         log.info("%s: %s", verb, text)
         self._beat(now=True)
@@ -223,13 +246,31 @@ class Learner:
 
     # What goes out
 
+    def _train_if_right(self, episode: Episode) -> None:
+        if (reason := self._wrong_now(episode)) is not None:
+            self._ledger.discard()
+            self._refuse(episode, reason)
+        else:
+            self._train(episode)
+
     def _train(self, episode: Episode) -> None:
-        self._trainer.train(episode)
+        with self._telemetry.learning():
+            told = self._trainer.train(episode)
         self._ledger.mark_trained()
+        self._open.add(episode)
+        with self._telemetry.publishing():
+            self._publish_weights()
+        self._telemetry.note(told)
+        if not episode.over:
+            self._beat()
+            return
         trained = self._ledger.trained
-        self._publish_weights()
+        self._settled = self._weights[self._ledger.version].tensors
         row = self._row(episode)
         self._archive.append(row)
+        self._telemetry.end_episode(row.episode, acting_s=self._open.acting_s, waited_s=self._open.waited_s)
+        self._open = OpenEpisode()
+        self._steps += row.steps
         self._place.bus.publish(keys.EPISODE_ROWS, row)
         self._pace.append((time.monotonic(), row.steps))
         if trained % self._config.cluster.snapshot_every_episodes == 0 or self._ledger.finished:
@@ -239,7 +280,7 @@ class Learner:
         self._beat(now=self._ledger.finished)
 
     def _publish_weights(self) -> None:
-        version = self._ledger.trained
+        version = self._ledger.version
         weights = Weights(version=version, tensors=self._trainer.weights())
         self._weights[version] = weights
         self._weights.pop(version - self._config.lag - 2, None)
@@ -254,18 +295,26 @@ class Learner:
                 lease = None if granted is None else self._lease(granted)
                 parked.question.answer(self._lease_answer(lease, []))
 
-    def _lease(self, episode: int) -> Lease:
+    def _lease(self, unit: Unit) -> Lease:
+        episode, fragment = unit
+        opened = self._open if fragment > 0 and episode == self._ledger.trained else OpenEpisode()
+        every = self._config.fragment_steps  # cut where the run's steps are its multiples: there updates fall due
         return Lease(
             episode=episode,
             level=self._difficulty(episode),
             level_seed=training_level_seed(self._config.seed, episode),
             weights_version=self._ledger.weights_version(episode),
             epsilon=self._config.exploration.epsilon(episode, self._config.episodes),
+            steps=None if every is None else every - (self._steps + opened.steps) % every,
+            progressed=opened.progressed,
         )
 
-    def _lease_answer(self, lease: Lease | None, missing: list[int]) -> LeaseAnswer:
+    def _lease_answer(self, lease: Lease | None, missing: list[Unit]) -> LeaseAnswer:
         return LeaseAnswer(
-            lease=lease, missing=missing, safe_before=self._archive.snapshot, finished=self._ledger.finished
+            lease=lease,
+            missing=np.array(missing, np.int64).reshape(-1, 2),
+            safe_before=self._archive.snapshot,
+            finished=self._ledger.finished,
         )
 
     def _difficulty(self, episode: int) -> Difficulty:
@@ -276,16 +325,16 @@ class Learner:
             episode=episode.episode,
             level=episode.level,
             seed=episode.level_seed,
-            normalised_return=episode.normalised_return,
+            normalised_return=self._open.normalised_return,
             arrived=int((episode.arrived_at >= 0).sum()),
             trains=len(episode.arrived_at),
-            steps=len(episode.rewards),
-            decisions=len(episode.actions),
+            steps=self._open.steps,
+            decisions=self._open.decisions,
             epsilon=self._config.exploration.epsilon(episode.episode, self._config.episodes),
-            weights_version=episode.weights_version,
-            digest=episode.digest,
+            weights_version=self._open.weights_version,
+            digest=self._open.digest,
             actor=episode.actor,
-            acting_s=round(episode.acting_s, 4),
+            acting_s=round(self._open.acting_s, 4),
             trained_unix_s=round(time.time(), 3),
         )
 
@@ -297,10 +346,10 @@ class Learner:
             for version in range(max(0, trained - self._config.lag), trained)
             for name, array in self._weights[version].tensors.items()
         }
-        self._archive.save_snapshot(self._trainer.state() | older, trained, kept)
+        self._archive.save_snapshot(self._trainer.state() | older, trained, self._ledger.version, kept)
 
     def _save_checkpoint(self) -> str:
-        path = self._archive.save_checkpoint(self._trainer.weights(), self._ledger.trained)
+        path = self._archive.save_checkpoint(self._settled, self._ledger.trained, self._ledger.version)
         self._announce_checkpoints()
         return str(path)
 
@@ -325,6 +374,7 @@ class Learner:
         counters: dict[str, Any] = {
             "done": self._ledger.trained,
             "leased": self._ledger.leased,
+            "version": self._ledger.version,
             "snapshot": self._archive.snapshot,
             "checkpoints": len(self._archive.checkpoints(self._ledger.trained)),
             "episodes_per_s": (len(self._pace) - 1) / elapsed,
@@ -339,3 +389,10 @@ class Learner:
             counters["exact_until"] = self._archive.exact_until
         counters |= {f"waiting.{level}": count for level, count in self._ledger.waiting().items()}
         return {name: float(value) for name, value in counters.items()}
+
+
+def _differs(episode: Episode, lease: Lease, *fields: str) -> str | None:
+    for field in fields:
+        if getattr(episode, field) != getattr(lease, field):
+            return f"{field} is {getattr(episode, field)}, its lease says {getattr(lease, field)}"
+    return None

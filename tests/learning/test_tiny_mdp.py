@@ -77,6 +77,7 @@ def as_episode(number, steps, decisions, free_at, place):
         weights_version=number,
         actor="a",
         acting_s=0.0,
+        waited_s=0.0,
         max_steps=steps,
         observations=PLACES[places],
         times=times.astype(np.int32),

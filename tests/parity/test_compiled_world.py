@@ -12,7 +12,6 @@ from common.levels.level import Level
 from common.rail.compiled.arrays import NOWHERE
 from common.rail.compiled.world import CompiledWorld
 from common.rail.flatland_world import FlatlandWorld
-from common.rail.play import play
 
 MIXES = ([0.2] * 5, [0.05, 0.1, 0.7, 0.1, 0.05], [0.0, 0.0, 1.0, 0.0, 0.0])
 SLOTS = 2
@@ -81,19 +80,3 @@ def compare_worlds(difficulty: Difficulty, seeds: range) -> None:
             if train < theirs._episodes[slot].level.n_trains:  # what a train sees that the step limit stopped
                 assert ours.observe(slot, train).tobytes() == theirs.observe(slot, train).tobytes()
     assert observed > 100
-
-
-def test_recordings_are_the_same():
-    levels = [generate("easy", 4), generate("hard", 5)]
-    theirs, ours = (play(world, levels, choices()) for world in (FlatlandWorld(2, 7), CompiledWorld(2, 7)))
-    for one, other in zip(theirs, ours, strict=True):
-        assert (one.times, one.trains, one.actions) == (other.times, other.trains, other.actions)
-        assert np.array(one.observations).tobytes() == np.array(other.observations).tobytes()
-        assert np.array(one.rewards).tobytes() == np.array(other.rewards).tobytes()
-        assert one.final_observations.tobytes() == other.final_observations.tobytes()
-        np.testing.assert_array_equal(one.arrived_at, other.arrived_at)
-
-
-def choices() -> list:
-    streams = [np.random.default_rng(slot) for slot in range(2)]
-    return [lambda _observation, _step, _train, stream=stream: int(stream.integers(1, 5)) for stream in streams]

@@ -1,43 +1,100 @@
-"""Whole episodes in compiled code equal those that Python steps through flatland-rl, to the bit."""
+"""Episodes in compiled code equal those that Python steps through flatland-rl, to the bit, whole or in fragments."""
+
+from dataclasses import fields
 
 import numpy as np
 import pytest
 
 from common.config import DIFFICULTIES, NetworkConfig
 from common.levels.supply import LevelSupply
+from common.policy.actor_critic import build_actor_critic
 from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters
-from common.policy.player import MAX_TRAINS, network_layout, player
+from common.policy.player import MAX_TRAINS, Acting, network_layout, play, player
+from common.policy.recurrent import build_recurrent_network
 from common.policy.rollout import Rollouts
+from common.rail.play import Recording
 
-FIELDS = ("observations", "times", "trains", "actions", "rewards", "arrived_at", "final_observations")
+ENGINES = ("compiled", "flatland")
+ARRAYS = [field.name for field in fields(Recording) if field.name not in ("level", "first_step", "over")]
+BUILDS = {
+    "plain": build_network,
+    "dueling": build_network,
+    "recurrent": build_recurrent_network,
+    "actor-critic": build_actor_critic,
+}
 
 
-def twin_of(config, seed):
+def twin_of(kind, seed):
+    config = NetworkConfig(kind=kind)
     twin = Twin(network_layout(config))
-    twin.load(export_parameters(build_network(config, 252, 5, seed)))
+    twin.load(export_parameters(BUILDS[kind](config, 252, 5, seed)))
     return twin
 
 
 def same(ours, theirs):
-    return all(np.array_equal(np.array(getattr(ours, name)), np.array(getattr(theirs, name))) for name in FIELDS)
+    assert (ours.first_step, ours.over) == (theirs.first_step, theirs.over)
+    return all(getattr(ours, name).tobytes() == getattr(theirs, name).tobytes() for name in ARRAYS)
 
 
-@pytest.mark.parametrize("epsilon", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("kind", BUILDS)
 @pytest.mark.parametrize("difficulty", DIFFICULTIES)
-def test_both_engines_play_the_same_episode(difficulty, epsilon):
-    twin = twin_of(NetworkConfig(kind="dueling" if epsilon > 0 else "plain"), seed=3)
-    compiled = player("compiled", MAX_TRAINS, lambda: None)
-    flatland = player("flatland", MAX_TRAINS, lambda: None)
-    for seed in range(3):
+def test_both_engines_play_the_same_episode(difficulty, kind):
+    acting = Acting(twin_of(kind, seed=3), epsilon=0.3, key=77)
+    for seed in range(2):
         level = LevelSupply().training(difficulty, seed)
-        assert same(compiled(level, twin, epsilon, 77), flatland(level, twin, epsilon, 77))
+        compiled, flatland = (play(player(engine, MAX_TRAINS), level, acting) for engine in ENGINES)
+        assert same(compiled, flatland)
+        assert (kind == "actor-critic") == bool(compiled.values.any()) == bool(compiled.log_probabilities.any())
+        assert (kind == "recurrent") == (compiled.states.shape[1] > 0)
+
+
+@pytest.mark.parametrize("greedy", [False, True])
+def test_greedy_episodes_look_at_no_draw(greedy):
+    twin, level = twin_of("actor-critic", seed=5), LevelSupply().training("easy", 1)
+    one, other = (play(Rollouts(MAX_TRAINS), level, Acting(twin, key=key, greedy=greedy)) for key in (1, 2))
+    assert same(one, other) == greedy
 
 
 def test_an_episode_does_not_depend_on_those_before_it():
-    twin = twin_of(NetworkConfig(kind="dueling"), seed=4)
+    acting = Acting(twin_of("dueling", seed=4), epsilon=0.5, key=9)
     levels = [LevelSupply().training(name, 5) for name in ("hard", "easy", "medium")]
     one = Rollouts(MAX_TRAINS)
-    in_turn = [one.play(level, twin, 0.5, 9) for level in levels]
+    in_turn = [play(one, level, acting) for level in levels]
     for level, recording in zip(levels, in_turn, strict=True):
-        assert same(recording, Rollouts(MAX_TRAINS).play(level, twin, 0.5, 9))
+        assert same(recording, play(Rollouts(MAX_TRAINS), level, acting))
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("kind", ["dueling", "recurrent"])
+def test_fragments_joined_are_the_whole_episode_even_if_each_has_another_player(kind, engine):
+    acting = Acting(twin_of(kind, seed=6), epsilon=0.4, key=3)
+    level = LevelSupply().training("medium", 2)
+    whole = play(player(engine, MAX_TRAINS), level, acting)
+    one = player(engine, MAX_TRAINS)
+    one.begin(level)
+    states = acting.twin.zero_state(level.n_trains)
+    parts: list[Recording] = []
+    while not (parts and parts[-1].over):
+        if len(parts) % 2:  # another player takes over
+            one = player(engine, MAX_TRAINS)
+            one.begin(level, np.concatenate([part.actions for part in parts]), parts[-1].last_step)
+            states = parts[-1].states.copy()
+        parts.append(one.advance(acting, states, steps=17))
+    assert len(parts) > 2
+    assert [part.first_step for part in parts] == list(range(0, whole.last_step, 17))
+    for name in ("observations", "times", "trains", "actions", "log_probabilities", "values", "rewards"):
+        assert np.concatenate([getattr(part, name) for part in parts]).tobytes() == getattr(whole, name).tobytes()
+    for name in ("arrived_at", "final_observations", "states"):
+        assert getattr(parts[-1], name).tobytes() == getattr(whole, name).tobytes()
+    assert not any(part.final_observations.any() for part in parts[:-1])
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("change", [-1, 1])
+def test_actions_that_do_not_fit_are_refused(engine, change):
+    level = LevelSupply().training("easy", 3)
+    first = play(player(engine, MAX_TRAINS), level, Acting(twin_of("plain", seed=1)))
+    count = int((first.times < 20).sum()) + change
+    with pytest.raises(ValueError, match=f"{count} actions do not fit the first 20 steps"):
+        player(engine, MAX_TRAINS).begin(level, first.actions[:count], 20)

@@ -78,6 +78,20 @@ def soft_update(target: nn.Module, online: nn.Module, tau: float) -> None:
         phi.lerp_(theta, tau)
 
 
+def build(learning):  # type: ignore
+    from services.learner.training import Trainer
+
+    return Trainer(
+        seed=learning.seed,
+        discount=learning.discount,
+        network=learning.network,
+        dqn=learning.dqn,
+        replay=learning.replay,
+        n_features=learning.n_features,
+        n_actions=learning.n_actions,
+    )
+
+
 class Dqn:
     """Trains a network in place, a batch at a time."""
 

@@ -65,11 +65,11 @@ def run(env, policy):
 def trained(level, twin):
     """As `run`, in the world of the study."""
     episode = FlatlandEpisode(level)
-    choose = twin.in_episode(0.0, 0, level.n_trains, greedy=True)
+    choose = twin.in_episode(0.0, 0, twin.zero_state(level.n_trains), greedy=True)
     places, rewards = [], 0.0
     while not episode.over:
         actions = [
-            choose(normalise(episode.tree(train)), len(places), train) if decides else MOVE_FORWARD
+            choose(normalise(episode.tree(train)), len(places), train).action if decides else MOVE_FORWARD
             for train, decides in enumerate(episode.deciding())
         ]
         rewards += sum(episode.step(actions))

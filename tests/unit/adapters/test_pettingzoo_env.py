@@ -12,7 +12,7 @@ from common.levels.held_out import is_held_out
 from common.levels.supply import LevelSupply
 from common.rail.compiled.world import CompiledWorld
 from common.rail.flatland_world import FlatlandWorld
-from common.rail.play import play
+from common.rail.play import Decision, Stage
 from common.seeding import stream_key, training_level_seed, uniform
 
 
@@ -39,7 +39,9 @@ def test_it_passes_pettingzoos_test_of_seeds():
 def test_it_plays_a_level_as_our_actors_do(difficulty, world):
     env = TrainsEnv(difficulty)
     seen, infos = env.reset(seed=7)
-    [recording] = play(world, [env.level], [choose])
+    stage = Stage(world)
+    stage.begin(env.level, np.zeros(0, np.int8), 0)
+    recording = stage.advance(lambda *seen: Decision(choose(*seen)), np.zeros((env.level.n_trains, 0), np.float32))
     rewards, arrived_at, decisions = [], np.full(env.level.n_trains, -1), []
     for step in count():
         actions = {}
@@ -59,7 +61,7 @@ def test_it_plays_a_level_as_our_actors_do(difficulty, world):
                 np.testing.assert_array_equal(seen[agent], recording.final_observations[train])
         if not env.agents:
             break
-    assert step + 1 == recording.steps
+    assert step + 1 == recording.last_step
     assert rewards == [row.sum() for row in recording.rewards]
     np.testing.assert_array_equal(arrived_at, recording.arrived_at)
     assert [decision[:3] for decision in decisions] == list(

@@ -7,13 +7,13 @@ import pytest
 from pydantic import ValidationError
 
 from common.records import (
+    CIRCUMSTANCES,
     CheckpointFile,
     Episode,
     EpisodeRow,
     EvaluationRow,
     Heartbeat,
     Lease,
-    LeaseRequest,
     ScaleRequest,
     Weights,
 )
@@ -34,6 +34,7 @@ def episode(**changes):
         "weights_version": 6,
         "actor": "actor-easy-0",
         "acting_s": 0.5,
+        "waited_s": 0.1,
         "max_steps": 3,
         "observations": np.arange(8, dtype=np.float32).reshape(4, 2),
         "times": np.array([0, 0, 1, 2], np.int32),
@@ -152,7 +153,9 @@ def test_a_wrong_scalar_is_refused_by_its_field(field, value):
 
 def test_unknown_and_missing_fields_are_refused():
     assert complaint(lambda: episode(colour="red"))[0] == "colour"
-    assert complaint(lambda: Lease(episode=1, level="easy", level_seed=1, weights_version=1)) == (
+    assert complaint(
+        lambda: Lease(episode=1, level="easy", level_seed=1, weights_version=1, steps=None, progressed=None)
+    ) == (
         "epsilon",
         "Field required",
     )
@@ -177,7 +180,7 @@ def test_the_digest_does_not_see_how_an_array_lies_in_memory():
     assert episode(observations=turned).digest == episode().digest
 
 
-@pytest.mark.parametrize("field", [name for name in Episode.model_fields if name not in ("actor", "acting_s")])
+@pytest.mark.parametrize("field", [name for name in Episode.model_fields if name not in CIRCUMSTANCES])
 def test_the_digest_sees_every_other_field(field):
     before = episode(fragment=1, first_step=1, max_steps=9, times=np.array([1, 1, 2, 3], np.int32))
     changes = {"level": "hard", "level_hash": "1" * 32, "over": False, "states": np.zeros((2, 1), np.float32)}
@@ -247,9 +250,9 @@ def test_counters_must_be_finite():
 
 
 def test_lists_and_bytes_are_bounded():
-    request = {"actor": "a", "incarnation": "b", "serves": "any"}
-    assert len(LeaseRequest(**request, kept=list(range(100_000))).kept) == 100_000
-    assert complaint(lambda: LeaseRequest(**request, kept=list(range(100_001))))[0] == "kept"
+    episodes = list(range(100_000))
+    assert len(CheckpointNotice(episodes=episodes, finished=False).episodes) == 100_000
+    assert complaint(lambda: CheckpointNotice(episodes=[*episodes, 1], finished=False))[0] == "episodes"
     assert complaint(lambda: CheckpointFile(episode=1, content="text"))[0] == "content"
     assert complaint(lambda: ScaleRequest(actors={"easy": 257}))[0] == "actors.easy"
     assert complaint(lambda: ScaleRequest(actors={"esy": 1}))[0].startswith("actors.esy")

@@ -16,6 +16,7 @@ from deploy.supervisor import Beat, Exited, Limits, StopAsked, Supervisor, Tick,
 CONFIG = resolve({"mix": {"easy": 0.5, "hard": 0.5}, "episodes": 100, "evaluation": {"every_episodes": 50}})
 COUNTERS = {
     "done": 40.0,
+    "version": 41.0,
     "leased": 1.0,
     "snapshot": 30.0,
     "checkpoints": 2.0,
@@ -59,7 +60,7 @@ def test_the_whole_picture():
     assert (found.run, found.path, found.algorithm, found.episodes) == ("one", "runs/one", "dddqn", 100)
     assert (found.state, found.supervisor_pid, found.time_left_s) == ("running", os.getpid(), 30.0)
     progress = found.progress
-    assert (progress.done, progress.leased, progress.snapshot, progress.weights_version) == (40, 1, 30, 40)
+    assert (progress.done, progress.leased, progress.snapshot, progress.weights_version) == (40, 1, 30, 41)
     assert (progress.evaluations, progress.evaluations_due) == (4, 4)  # two checkpoints of two difficulties
     assert (progress.episodes_per_s, progress.steps_per_s, progress.return_last_100) == (2.0, 100.0, None)
     assert (progress.refused, progress.duplicates, progress.reissued) == (0, 3, 4)

@@ -188,12 +188,12 @@ def test_greedy_choices_are_the_best_outputs():
 def test_in_an_episode_every_train_carries_its_own_state():
     _, twin = make("recurrent", (16, 8))
     x = observations(12, 6)
-    choose = twin.in_episode(0.0, KEY, n_trains=2)
+    choose = twin.in_episode(0.0, KEY, twin.zero_state(2))
     state = twin.zero_state(2)
     for step in range(6):
         both = twin.outputs(x[2 * step : 2 * step + 2], state)
         for train in range(2):
-            assert choose(x[2 * step + train], step, train) == both[train].argmax()
+            assert choose(x[2 * step + train], step, train).action == both[train].argmax()
 
 
 def test_what_does_not_fit_is_refused():

@@ -30,6 +30,7 @@ DIGESTS = st.text("0123456789abcdef", min_size=32, max_size=32)
 LEVELS = st.sampled_from(DIFFICULTIES)
 SERVES = st.sampled_from([*DIFFICULTIES, "any"])
 KEPT = st.lists(COUNTS, max_size=5)
+UNITS = npst.arrays(np.int64, st.tuples(st.integers(0, 5), st.just(2)))
 REALS32 = st.floats(width=32, allow_nan=False, allow_infinity=False)
 
 
@@ -71,6 +72,7 @@ def episodes(draw):
         weights_version=draw(COUNTS),
         actor=draw(NAMES),
         acting_s=draw(SPANS),
+        waited_s=draw(SPANS),
         max_steps=draw(st.integers(first + steps, 100_000)),
         observations=draw(laid_out((decisions, features))),
         times=whole(np.int32, decisions, first, first + steps - 1),
@@ -86,7 +88,22 @@ def episodes(draw):
 
 
 LEASES = st.builds(
-    records.Lease, episode=COUNTS, level=LEVELS, level_seed=COUNTS, weights_version=COUNTS, epsilon=SHARES
+    records.Lease,
+    episode=COUNTS,
+    level=LEVELS,
+    level_seed=COUNTS,
+    weights_version=COUNTS,
+    epsilon=SHARES,
+    steps=optional(st.integers(1, 2**53)),
+    progressed=optional(
+        st.builds(
+            records.Progressed,
+            fragment=st.integers(1, 2**53),
+            first_step=st.integers(1, 2**53),
+            actions=npst.arrays(np.int8, st.integers(0, 4)),
+            states=laid_out((2, 3)),
+        )
+    ),
 )
 EPISODE_ROWS = st.builds(
     records.EpisodeRow,
@@ -167,9 +184,9 @@ MESSAGES = {
         records.Weights, version=COUNTS, tensors=st.dictionaries(TEXTS, SHAPES.flatmap(laid_out), max_size=3)
     ),
     records.WeightsRequest: st.builds(records.WeightsRequest, version=COUNTS),
-    records.LeaseRequest: st.builds(records.LeaseRequest, actor=NAMES, incarnation=NAMES, serves=SERVES, kept=KEPT),
+    records.LeaseRequest: st.builds(records.LeaseRequest, actor=NAMES, incarnation=NAMES, serves=SERVES, kept=UNITS),
     records.LeaseAnswer: st.builds(
-        records.LeaseAnswer, lease=optional(LEASES), safe_before=COUNTS, missing=KEPT, finished=st.booleans()
+        records.LeaseAnswer, lease=optional(LEASES), safe_before=COUNTS, missing=UNITS, finished=st.booleans()
     ),
     records.HistoryRequest: st.builds(records.HistoryRequest, first=COUNTS),
     records.EpisodeRows: st.builds(records.EpisodeRows, rows=st.lists(EPISODE_ROWS, max_size=2), total=COUNTS),
@@ -193,12 +210,23 @@ MESSAGES = {
 }
 RECORD_TYPES = pytest.mark.parametrize("record_type", MESSAGES, ids=lambda record_type: record_type.__name__)
 
-LEASE = records.Lease(episode=3, level="hard", level_seed=2**31 - 1, weights_version=2, epsilon=0.25)
-LEASE_BODY = {"episode": 3, "level": "hard", "level_seed": 2**31 - 1, "weights_version": 2, "epsilon": 0.25}
+LEASE = records.Lease(
+    episode=3, level="hard", level_seed=2**31 - 1, weights_version=2, epsilon=0.25, steps=30, progressed=None
+)
+LEASE_BODY = {
+    "episode": 3,
+    "level": "hard",
+    "level_seed": 2**31 - 1,
+    "weights_version": 2,
+    "epsilon": 0.25,
+    "steps": 30,
+    "progressed": None,
+}
 WEIGHTS = records.Weights(version=1, tensors={"b": np.array([[1.0], [-2.5]], np.float32)})
 LEASE_HEX = (
-    "85a7657069736f646503a56c6576656ca468617264aa6c6576656c5f73656564ce7fffffff"
+    "87a7657069736f646503a56c6576656ca468617264aa6c6576656c5f73656564ce7fffffff"
     "af776569676874735f76657273696f6e02a7657073696c6f6ecb3fd0000000000000"
+    "a573746570731eaa70726f67726573736564c0"
 )
 WEIGHTS_HEX = "82a776657273696f6e01a774656e736f727381a162c7120193a33c6634920201c4080000803f000020c0"
 
@@ -465,6 +493,7 @@ def test_arrays_whose_lengths_disagree_are_refused():
         "weights_version": 0,
         "actor": "a",
         "acting_s": 0.0,
+        "waited_s": 0.0,
         "max_steps": 1,
         "observations": array(shape=[1, 1]),
         "times": array("<i4"),

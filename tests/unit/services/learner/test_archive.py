@@ -79,7 +79,7 @@ def trained(folder, rows, snapshots=()):
     for number in range(rows):
         archive.append(row(number))
         if number + 1 in snapshots:
-            archive.save_snapshot(state(number + 1), number + 1)
+            archive.save_snapshot(state(number + 1), number + 1, 3 * number + 3)
     return archive
 
 
@@ -171,7 +171,7 @@ def test_a_damaged_snapshot_is_fatal_and_named(folder):
 
 def test_a_checkpoint_is_no_snapshot(folder):
     archive = trained(folder, 5)
-    archive.save_checkpoint(state(5), 5).rename(folder.snapshots / "00000005.safetensors")
+    archive.save_checkpoint(state(5), 5, 9).rename(folder.snapshots / "00000005.safetensors")
     assert "is a 'checkpoint', not a snapshot" in fatal(folder)
 
 
@@ -210,7 +210,7 @@ def test_two_snapshots_are_kept(folder):
 
 def test_fewer_snapshots_may_be_kept(folder):
     archive = trained(folder, 6, snapshots=(2, 4))
-    archive.save_snapshot(state(6), 6, kept=1)
+    archive.save_snapshot(state(6), 6, 6, kept=1)
     assert snapshots(folder) == ["00000006.safetensors"]
 
 
@@ -225,7 +225,7 @@ def test_a_snapshot_counts_on_rows_that_are_on_disk(folder, monkeypatch):
 
     monkeypatch.setattr(os, "fsync", note)
     monkeypatch.setattr(checkpoint, "save", lambda *arguments: (order.append("snapshot"), save(*arguments)))
-    archive.save_snapshot(state(3), 3)
+    archive.save_snapshot(state(3), 3, 3)
     assert order[:2] == [str(folder.episodes_file), "snapshot"]
     assert archive.snapshot == 3
 
@@ -238,7 +238,7 @@ def test_a_snapshot_that_fails_leaves_the_one_before(folder, monkeypatch):
 
     monkeypatch.setattr(checkpoint, "save", disk_full)
     with pytest.raises(OSError, match="disk full"):
-        archive.save_snapshot(state(4), 4)
+        archive.save_snapshot(state(4), 4, 4)
     assert archive.snapshot == 2
     assert snapshots(folder) == ["00000002.safetensors"]
 
@@ -277,20 +277,20 @@ def test_checkpoints_are_listed_up_to_what_is_trained_and_come_byte_for_byte(fol
     archive = trained(folder, 0)
     assert archive.checkpoint_content(10) is None
     for episode in (10, 5, 20):
-        path = archive.save_checkpoint(state(episode), episode)
+        path = archive.save_checkpoint(state(episode), episode, 7 * episode)
         assert archive.checkpoint_content(episode) == path.read_bytes()
     assert archive.checkpoints(20) == [5, 10, 20]
     assert archive.checkpoints(19) == [5, 10]
     assert archive.checkpoints(0) == []
     tensors, metadata = checkpoint.load(path, "checkpoint")
     assert tensors["weights"].tolist() == [20, 20, 20]
-    assert (metadata["algorithm"], metadata["episode"], metadata["weights_version"]) == ("dddqn", "20", "20")
+    assert (metadata["algorithm"], metadata["episode"], metadata["weights_version"]) == ("dddqn", "20", "140")
     assert json.loads(metadata["science"]) == config().science
 
 
 def test_a_strange_file_among_the_checkpoints_does_no_harm(folder):
     archive = trained(folder, 0)
-    archive.save_checkpoint(state(5), 5)
+    archive.save_checkpoint(state(5), 5, 9)
     (folder.checkpoints / "best.safetensors").write_bytes(archive.checkpoint_content(5))
     assert archive.checkpoints(20) == [5]
 

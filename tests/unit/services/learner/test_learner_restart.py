@@ -79,11 +79,13 @@ class Cluster:
     def turn(self):
         self.learner._take_messages(wait_s=0.0)
         while (episode := self.learner._ledger.next_ready()) is not None:
-            self.learner._train(episode)
+            self.learner._train_if_right(episode)
         self.learner._answer_parked()
 
     def lease(self, incarnation):
-        request = LeaseRequest(actor=incarnation, incarnation=incarnation, serves="any", kept=[])
+        request = LeaseRequest(
+            actor=incarnation, incarnation=incarnation, serves="any", kept=np.zeros((0, 2), np.int64)
+        )
         answer = self.ask(keys.LEASE, request).answered
         return None if answer is None else answer.lease
 
@@ -108,6 +110,7 @@ def acted(lease):
         weights_version=lease.weights_version,
         actor="a",
         acting_s=0.0,
+        waited_s=0.0,
         max_steps=4,
         observations=np.full((1, N_FEATURES), lease.episode / 10, np.float32),
         times=np.zeros(1, np.int32),
@@ -151,13 +154,13 @@ def test_a_restarted_learner_has_the_weights_that_its_leases_name(tmp_path, lag)
         handed_out[episode + 1] = before.weights(episode + 1)
     assert len({weights.tensors[name].tobytes() for weights in handed_out.values() for name in weights.tensors}) > 7
     before.learner._save_snapshot()
-    before.learner._archive._rows.close()
+    before.learner.close()
 
     after = Cluster(folder, config(lag))
     incarnations = [f"new-{number}" for number in range(lag + 1)]
     after.come(*incarnations)
     leases = [after.lease(incarnation) for incarnation in incarnations]
-    after.learner._archive._rows.close()
+    after.learner.close()
     assert [lease.episode for lease in leases] == list(range(6, 7 + lag))
     for lease in leases:
         weights = after.weights(lease.weights_version)
@@ -170,5 +173,5 @@ def test_a_checkpoint_is_listed_as_soon_as_it_is_written(tmp_path):
     cluster = Cluster(RunFolder(tmp_path), config(0))
     assert cluster.ask(keys.LIST_CHECKPOINTS, Empty()).answered.episodes == []
     cluster.learner._save_checkpoint()
-    cluster.learner._archive._rows.close()
+    cluster.learner.close()
     assert cluster.ask(keys.LIST_CHECKPOINTS, Empty()).answered.episodes == [0]

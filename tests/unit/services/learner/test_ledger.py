@@ -13,20 +13,21 @@ from common.records import Episode
 from services.learner.ledger import Ledger
 
 
-def acted(number, level="easy"):
-    """An episode as small as one can be."""
+def acted(number, level="easy", fragment=0, over=True):
+    """An episode, or a fragment of one, as small as one can be."""
     return Episode(
         episode=number,
-        fragment=0,
-        first_step=0,
-        over=True,
+        fragment=fragment,
+        first_step=fragment,
+        over=over,
         level=level,
         level_seed=0,
         level_hash="0" * 32,
         weights_version=0,
         actor="a",
         acting_s=0.0,
-        max_steps=1,
+        waited_s=0.0,
+        max_steps=9,
         observations=np.zeros((0, 1), np.float32),
         times=np.zeros(0, np.int32),
         trains=np.zeros(0, np.int32),
@@ -55,18 +56,18 @@ def train_one(made):
 
 def test_without_lag_one_episode_at_a_time_is_leased():
     made = ledger(lag=0)
-    assert made.grant("a", "any") == 0
+    assert made.grant("a", "any") == (0, 0)
     assert made.grant("b", "any") is None
     assert made.next_ready() is None
     assert made.receive(acted(0))
     assert made.grant("b", "any") is None  # episode 1 needs the weights after episode 0
     train_one(made)
-    assert made.grant("b", "any") == 1
+    assert made.grant("b", "any") == (1, 0)
 
 
 def test_lag_leases_as_many_episodes_more_at_a_time():
     made = ledger("eeeeee", lag=2, actors="abcd")
-    assert [made.grant(actor, "any") for actor in "abcd"] == [0, 1, 2, None]
+    assert [made.grant(actor, "any") for actor in "abcd"] == [(0, 0), (1, 0), (2, 0), None]
     assert made.receive(acted(1))
     assert made.grant("b", "any") is None
     assert made.next_ready() is None  # training is strictly in order
@@ -75,7 +76,7 @@ def test_lag_leases_as_many_episodes_more_at_a_time():
     train_one(made)
     assert made.next_ready().episode == 1
     train_one(made)
-    assert [made.grant(actor, "any") for actor in "abd"] == [3, 4, None]
+    assert [made.grant(actor, "any") for actor in "abd"] == [(3, 0), (4, 0), None]
 
 
 @pytest.mark.parametrize(("lag", "versions"), [(0, [0, 1, 2, 3]), (1, [0, 0, 1, 2]), (3, [0, 0, 0, 0])])
@@ -86,12 +87,12 @@ def test_an_episode_acts_with_the_weights_after_the_one_lag_and_one_before_it(la
 def test_actors_get_only_the_difficulties_that_they_serve():
     made = ledger("ehme", lag=3, actors="abcd")
     assert made.waiting() == {"easy": 2, "hard": 1, "medium": 1}
-    assert made.grant("a", "hard") == 1
+    assert made.grant("a", "hard") == (1, 0)
     assert made.grant("b", "hard") is None
-    assert made.grant("b", "easy") == 0
+    assert made.grant("b", "easy") == (0, 0)
     assert made.waiting() == {"easy": 1, "medium": 1}
-    assert made.grant("c", "any") == 2
-    assert made.grant("d", "easy") == 3
+    assert made.grant("c", "any") == (2, 0)
+    assert made.grant("d", "easy") == (3, 0)
     assert made.waiting() == {}
     assert made.leased == 4
 
@@ -107,50 +108,50 @@ def test_who_is_not_known_to_live_gets_no_lease():
 
 def test_what_a_dead_actor_had_leased_is_leased_anew():
     made = ledger(lag=1, actors="abc")
-    assert [made.grant(actor, "any") for actor in "ab"] == [0, 1]
+    assert [made.grant(actor, "any") for actor in "ab"] == [(0, 0), (1, 0)]
     made.actor_gone("a")
     assert made.reissued == 1
     assert made.waiting() == {"easy": 1}
-    assert made.grant("c", "any") == 0
+    assert made.grant("c", "any") == (0, 0)
     made.actor_gone("a")  # told twice
     assert made.reissued == 1
 
 
 def test_a_lease_that_never_reached_its_actor_ends_when_the_actor_asks_again():
     made = ledger()
-    assert made.grant("a", "any") == 0
+    assert made.grant("a", "any") == (0, 0)
     assert made.missing("a", []) == []
     assert made.reissued == 1
-    assert made.grant("b", "any") == 0
+    assert made.grant("b", "any") == (0, 0)
 
 
 def test_a_kept_episode_that_got_lost_is_missing_and_stays_with_its_actor():
     made = ledger()
-    assert made.grant("a", "any") == 0
-    assert made.missing("a", [0]) == [0]
+    assert made.grant("a", "any") == (0, 0)
+    assert made.missing("a", [(0, 0)]) == [(0, 0)]
     assert made.reissued == 0
     assert made.grant("b", "any") is None
     assert made.receive(acted(0))
-    assert made.missing("a", [0]) == []
+    assert made.missing("a", [(0, 0)]) == []
     assert made.reissued == made.leased == 0
 
 
 def test_an_actor_that_is_not_known_to_live_is_asked_for_what_is_missing_but_holds_no_lease():
     made = ledger(actors="b")
-    assert made.missing("a", [0]) == [0]
+    assert made.missing("a", [(0, 0)]) == [(0, 0)]
     assert made.leased == 0
-    assert made.grant("b", "any") == 0
+    assert made.grant("b", "any") == (0, 0)
 
 
 def test_only_untrained_episodes_of_this_run_that_are_not_here_are_missing():
     made = ledger("eeee", lag=3, trained=1)
     assert made.receive(acted(2))
-    assert made.missing("a", [0, 1, 2, 3, 4, 99]) == [1, 3]
+    assert made.missing("a", [(e, 0) for e in (0, 1, 2, 3, 4, 99)]) == [(1, 0), (3, 0)]
 
 
 def test_duplicates_are_dropped_and_counted():
     made = ledger(lag=1)
-    assert made.grant("a", "any") == 0
+    assert made.grant("a", "any") == (0, 0)
     assert made.receive(acted(0))
     assert not made.receive(acted(0))
     train_one(made)
@@ -161,19 +162,19 @@ def test_duplicates_are_dropped_and_counted():
 
 def test_an_episode_counts_whoever_brings_it():
     made = ledger()
-    assert made.grant("a", "any") == 0
+    assert made.grant("a", "any") == (0, 0)
     made.actor_gone("a")
-    assert made.grant("b", "any") == 0
+    assert made.grant("b", "any") == (0, 0)
     assert made.receive(acted(0))  # what the dead actor published last
     assert made.leased == 0
     train_one(made)
-    assert made.grant("b", "any") == 1
+    assert made.grant("b", "any") == (1, 0)
 
 
 def test_a_ledger_goes_on_from_a_snapshot():
     made = ledger(lag=1, trained=2)
     assert made.trained == 2
-    assert [made.grant(actor, "any") for actor in "ab"] == [2, 3]
+    assert [made.grant(actor, "any") for actor in "ab"] == [(2, 0), (3, 0)]
     assert not made.receive(acted(1))
 
 
@@ -182,7 +183,7 @@ def test_a_run_is_finished_when_all_is_trained():
     assert made.total == 2
     for number in range(2):
         assert not made.finished
-        assert made.grant("a", "any") == number
+        assert made.grant("a", "any") == (number, 0)
         assert made.receive(acted(number))
         train_one(made)
     assert made.finished
@@ -191,14 +192,52 @@ def test_a_run_is_finished_when_all_is_trained():
     assert ledger("ee", trained=2).finished
 
 
+def test_the_fragments_of_an_episode_are_leased_one_after_the_other():
+    made = ledger("ee", actors="a")
+    for fragment in range(3):
+        assert made.grant("a", "any") == (0, fragment)
+        assert made.weights_version(0) == fragment  # the weights after the one before
+        assert made.receive(acted(0, fragment=fragment, over=fragment == 2))
+        assert made.grant("a", "any") is None
+        train_one(made)
+    assert (made.trained, made.fragment, made.version) == (1, 0, 3)
+    assert made.grant("a", "any") == (1, 0)
+    assert made.weights_version(1) == 3
+
+
+def test_an_episode_goes_on_where_its_world_stands_unless_that_actor_is_gone():
+    made = ledger("ee", actors="ab")
+    assert made.grant("a", "any") == (0, 0)
+    assert made.receive(acted(0, over=False))
+    train_one(made)
+    assert made.grant("b", "any") is None
+    assert made.grant("a", "any") == (0, 1)
+    made.actor_gone("a")
+    assert made.grant("b", "any") == (0, 1)
+
+
+def test_what_is_not_as_it_must_be_waits_again():
+    made = ledger(actors="a")
+    assert made.grant("a", "any") == (0, 0)
+    assert made.receive(acted(0))
+    made.discard()
+    assert made.next_ready() is None
+    assert made.grant("a", "any") == (0, 0)
+
+
+def test_a_ledger_goes_on_with_the_version_of_its_snapshot():
+    made = Ledger(["easy"] * 4, lag=0, trained=2, version=7)
+    assert made.weights_version(2) == 7
+
+
 @dataclass
 class Actor:
     """An actor as the world sees it: what it acts, and what it keeps."""
 
     incarnation: str
     serves: str
-    acting: int | None = None
-    kept: set[int] = field(default_factory=set)
+    acting: tuple[int, int] | None = None
+    kept: set[tuple[int, int]] = field(default_factory=set)
 
 
 WHICH = st.integers(0, 5)  # which of the living, counted round
@@ -216,14 +255,21 @@ class Run(RuleBasedStateMachine):
         self.snapshot = 0
         self.living = {}
         self.dead = []
-        self.doubtful = set()  # episodes whose leases a restart made the ledger forget
+        self.doubtful = set()  # units whose leases a restart made the ledger forget
         self.born = 0
         self.open_ledger()
         self.comes("any", known=True)
 
     def open_ledger(self):
-        self.ledger = Ledger(self.levels, self.lag, self.snapshot)
-        self.trained = list(range(self.snapshot))
+        self.ledger = Ledger(self.levels, self.lag, self.snapshot, self.version_of(self.snapshot))
+        self.trained = [unit for episode in range(self.snapshot) for unit in self.units(episode)]
+
+    def units(self, episode):
+        """An episode has one fragment, or without lag up to three."""
+        return [(episode, fragment) for fragment in range(1 if self.lag else 1 + episode % 3)]
+
+    def version_of(self, episode):
+        return sum(len(self.units(before)) for before in range(episode))
 
     def pick(self, which):
         return list(self.living.values())[which % len(self.living)]
@@ -279,16 +325,16 @@ class Run(RuleBasedStateMachine):
     @rule(which=WHICH, published=st.booleans())
     def a_dead_one_is_heard_late(self, which, published):
         actor = self.dead[which % len(self.dead)]
-        for episode in actor.kept if published else ():
-            self.arrives(episode)
+        for unit in actor.kept if published else ():
+            self.arrives(unit)
         self.ledger.missing(actor.incarnation, sorted(actor.kept))
         assert self.ledger.grant(actor.incarnation, actor.serves) is None
 
     @precondition(lambda self: any(actor.kept for actor in self.living.values()))
     @rule(which=WHICH)
     def publishes_all_it_keeps_again(self, which):
-        for episode in self.pick(which).kept:
-            self.arrives(episode)
+        for unit in self.pick(which).kept:
+            self.arrives(unit)
 
     @rule()
     def trains(self):
@@ -318,38 +364,40 @@ class Run(RuleBasedStateMachine):
                 self.check_grant(granted, actor)
         if answer_lost:
             return
-        actor.kept = {episode for episode in actor.kept if episode >= self.snapshot}
-        for episode in missing:
-            assert episode in actor.kept
-            self.arrives(episode)
+        actor.kept = {unit for unit in actor.kept if unit[0] >= self.snapshot}
+        for unit in missing:
+            assert unit in actor.kept
+            self.arrives(unit)
         actor.acting = granted
 
-    def check_grant(self, episode, actor):
-        trained = self.ledger.trained
+    def check_grant(self, unit, actor):
+        (episode, fragment), trained = unit, self.ledger.trained
+        assert fragment == (self.ledger.fragment if episode == trained else 0)
         assert trained <= episode <= trained + self.lag
         assert self.levels[episode] == actor.serves or actor.serves == "any"
         version = self.ledger.weights_version(episode)
-        assert version == max(0, episode - self.lag) <= trained
-        assert version >= trained - self.lag  # the learner keeps no older ones
-        if episode not in self.doubtful:
-            assert all(other.acting != episode for other in self.living.values())
+        assert version == (max(0, episode - self.lag) if self.lag else len(self.trained)) <= self.ledger.version
+        assert version >= self.ledger.version - self.lag  # the learner keeps no older ones
+        if unit not in self.doubtful:
+            assert all(other.acting != unit for other in self.living.values())
 
     def finish(self, actor, *, lost=False):
-        episode, actor.acting = actor.acting, None
-        actor.kept.add(episode)
+        unit, actor.acting = actor.acting, None
+        actor.kept.add(unit)
         if not lost:
-            self.arrives(episode)
+            self.arrives(unit)
 
-    def arrives(self, number):
-        known = number < self.ledger.trained or number in self.ledger._received
+    def arrives(self, unit):
+        known = unit in self.trained or unit in self.ledger._received
         duplicates = self.ledger.duplicates
-        assert self.ledger.receive(acted(number, self.levels[number])) is not known
+        number, fragment = unit
+        over = unit == self.units(number)[-1]
+        assert self.ledger.receive(acted(number, self.levels[number], fragment, over)) is not known
         assert self.ledger.duplicates == duplicates + known
 
     def train(self):
         while (episode := self.ledger.next_ready()) is not None:
-            assert episode.episode == len(self.trained)
-            self.trained.append(episode.episode)
+            self.trained.append((episode.episode, episode.fragment))
             self.ledger.mark_trained()
 
     def doubt(self, actors):
@@ -361,7 +409,9 @@ class Run(RuleBasedStateMachine):
     @precondition(lambda self: hasattr(self, "ledger"))
     @invariant()
     def every_episode_is_trained_once_and_in_order(self):
-        assert self.trained == list(range(self.ledger.trained))
+        due = [unit for episode in range(len(self.levels)) for unit in self.units(episode)]
+        assert self.trained == due[: len(self.trained)]
+        assert len(self.trained) == self.ledger.version == self.version_of(self.ledger.trained) + self.ledger.fragment
         assert self.snapshot <= self.ledger.trained <= self.ledger.total
 
     @precondition(lambda self: hasattr(self, "ledger"))
@@ -372,9 +422,11 @@ class Run(RuleBasedStateMachine):
     @precondition(lambda self: hasattr(self, "ledger"))
     @invariant()
     def every_episode_of_the_window_is_waiting_leased_or_here(self):
-        window = range(self.ledger.trained, min(self.ledger.trained + self.lag + 1, self.ledger.total))
-        here = sum(episode in self.ledger._received for episode in window)
-        leased = sum(episode in self.ledger._leases for episode in window)
+        trained, fragment = self.ledger.trained, self.ledger.fragment
+        episodes = range(trained, min(trained + self.lag + 1, self.ledger.total))
+        window = [(episode, fragment if episode == trained else 0) for episode in episodes]
+        here = sum(unit in self.ledger._received for unit in window)
+        leased = sum(unit in self.ledger._leases for unit in window)
         assert sum(self.ledger.waiting().values()) + leased + here == len(window)
 
     def teardown(self):
@@ -384,14 +436,14 @@ class Run(RuleBasedStateMachine):
         self.living["last"] = Actor("last", "any")
         for incarnation in self.living:
             self.ledger.actor_came(incarnation)
-        for _ in range(3 * len(self.levels) + 3):
+        for _ in range(9 * len(self.levels) + 3):
             for actor in self.living.values():
                 if actor.acting is not None:
                     self.finish(actor)
                 self.ask(actor)
             self.train()
         assert self.ledger.finished
-        assert self.trained == list(range(len(self.levels)))
+        assert self.ledger.version == self.version_of(len(self.levels))
 
 
 TestRun = Run.TestCase

@@ -62,6 +62,7 @@ def make_episode(number, n_features=6, steps=STEPS, offset=0):
         weights_version=number,
         actor="a",
         acting_s=0.0,
+        waited_s=0.0,
         max_steps=steps,
         observations=at_offset(-rng.random((len(times), n_features), np.float32), offset),
         times=times.astype(np.int32),

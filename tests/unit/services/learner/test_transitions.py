@@ -21,6 +21,7 @@ def make_episode(decisions, rewards, arrived_at, final):
         weights_version=3,
         actor="a",
         acting_s=0.0,
+        waited_s=0.0,
         max_steps=len(rewards),
         observations=np.array(features, np.float32).reshape(-1, 1),
         times=np.array(times, np.int32),
