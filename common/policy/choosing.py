@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
 """Choosing an action from a network's outputs, compiled; the rules of `common.policy.acting`.
 
 A decision has two draws of its episode's stream of exploration, at its counter (`draw_counter`) and the one after. Of
@@ -9,11 +10,13 @@ from numpy.typing import NDArray
 
 from common.kernel import bare_kernel
 from common.policy.arithmetic import Real, exp, log
+from common.policy.packing import ACTOR_CRITIC
 from common.policy.streams import uniform
 
 _ONE = np.uint64(1)
 
 
+@bare_kernel
 def draw_counter(step: int, n_trains: int, train: int) -> int:
     """Where the two draws of `train`'s decision at `step` lie in the episode's stream of exploration.
 
@@ -61,6 +64,32 @@ def softmax_sample(logits: NDArray[np.float32], key: np.uint64, counter: np.uint
         if threshold < reached:
             return action
     return len(logits) - 1
+
+
+@bare_kernel
+def choose(
+    header: NDArray[np.int64],
+    scores: NDArray[np.float32],
+    greedy: bool,
+    epsilon: float,
+    key: np.uint64,
+    counter: np.uint64,
+) -> int:
+    """An action by scores [A]: epsilon-greedily by action values, or as softmax of logits says; or the best.
+
+    Args:
+        header: of the network, see `common.policy.packing`.
+        scores: [A].
+        greedy: take the best; the draws are not looked at.
+        epsilon: only for action values.
+        key: of the episode's stream of exploration.
+        counter: of this decision.
+    """
+    if greedy:
+        return best(scores)
+    if header[0] == ACTOR_CRITIC:
+        return softmax_sample(scores, key, counter)
+    return epsilon_greedy(scores, epsilon, key, counter)
 
 
 @bare_kernel

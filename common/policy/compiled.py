@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import kernel
-from common.policy.choosing import best, draw_counter, epsilon_greedy, log_probability, softmax_sample
+from common.policy.choosing import choose, draw_counter, log_probability
 from common.policy.packing import ACTOR_CRITIC, Arrays, Layout
 from common.policy.twin import forward
 
@@ -38,7 +38,7 @@ def choose_rows(
     actions: NDArray[np.int8],
     log_probabilities: NDArray[np.float32],
 ) -> None:
-    """Choose an action a row: epsilon-greedily by action values, or as softmax of logits says; or the best.
+    """Choose an action a row, as `choosing.choose`.
 
     Args:
         header: of the network.
@@ -53,12 +53,7 @@ def choose_rows(
     n_actions = header[2]
     for row in range(len(outputs)):
         scores = outputs[row, :n_actions]
-        if greedy:
-            action = best(scores)
-        elif header[0] == ACTOR_CRITIC:
-            action = softmax_sample(scores, keys[row], counters[row])
-        else:
-            action = epsilon_greedy(scores, epsilons[row], keys[row], counters[row])
+        action = choose(header, scores, greedy, epsilons[row], keys[row], counters[row])
         actions[row] = action
         log_probabilities[row] = log_probability(scores, action) if header[0] == ACTOR_CRITIC else 0.0
 

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from common.kernel import kernel
 from common.levels.level import Level
-from common.policy.choosing import best, epsilon_greedy, softmax_sample
+from common.policy.choosing import choose, draw_counter
 from common.policy.compiled import Twin
-from common.policy.packing import ACTOR_CRITIC
 from common.policy.twin import forward_row, workspace_size
 from common.rail.compiled.batches import step_all
 from common.rail.compiled.looking import look
@@ -79,14 +78,8 @@ def run(
                 train = trains[decisions + row]
                 x = seen[row].reshape(seen[row].size)
                 forward_row(header, parameters, x, states[train], out, places, values, sums)
-                counter = np.uint64(2 * (steps * n_trains + train))
-                scores = out[:n_actions]
-                if greedy:
-                    action = best(scores)
-                elif header[0] == ACTOR_CRITIC:
-                    action = softmax_sample(scores, key, counter)
-                else:
-                    action = epsilon_greedy(scores, epsilon, key, counter)
+                counter = np.uint64(draw_counter(steps, n_trains, train))
+                action = choose(header, out[:n_actions], greedy, epsilon, key, counter)
                 doing[0, train] = actions[decisions + row] = action
             decisions += asking
         step_all(
