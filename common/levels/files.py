@@ -6,8 +6,6 @@ shape. Files are checked before they are believed; nothing in them is unpickled.
 """
 
 import os
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -21,17 +19,6 @@ from common.levels.level import Level
 
 GRID, AGENTS, MAX_STEPS = "_levels_grid", "_levels_agents", "_levels_max_steps"
 LARGEST_SIDE = 4096
-DAMAGED = (  # what numpy raises over a damaged file
-    AttributeError,
-    EOFError,
-    MemoryError,
-    OSError,
-    RuntimeError,
-    TypeError,
-    ValueError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
 
 Groups = dict[str, list[Level]]
 
@@ -52,9 +39,11 @@ class StoredArrays(Mapping[str, NDArray[Any]]):
         return name in self._names
 
     def __getitem__(self, name: str) -> NDArray[Any]:
+        if name not in self:
+            raise KeyError(name)
         try:
             array = self._file[name]
-        except DAMAGED as error:
+        except Exception as error:  # noqa: BLE001  (numpy passes on whatever its parsers raise)
             if "allow_pickle" in str(error):
                 problem = "holds Python objects, which are not read: save it as an array of numbers"
             else:
@@ -83,10 +72,12 @@ def opened(path: Path) -> Iterator[StoredArrays]:
             file = np.load(stack.enter_context(path.open("rb")), allow_pickle=False)
         except FileNotFoundError:
             raise LevelFileError(f"{path}: no such file") from None
-        except DAMAGED:
+        except Exception:  # noqa: BLE001  (as above)
             raise LevelFileError(f"{path} is no readable .npz file of arrays: save it again with numpy") from None
         if not isinstance(file, NpzFile):
             raise LevelFileError(f"{path} is no readable .npz file of arrays: it holds a single array")
+        if not all(name.isprintable() for name in file.files):
+            raise LevelFileError(f"{path} has arrays whose names cannot be printed: save it again")
         yield StoredArrays(path, stack.enter_context(file))
 
 

@@ -123,6 +123,7 @@ LOST[1, :2] = 0
 @pytest.mark.parametrize(
     ("arrays", "problem"),
     [
+        (GOOD | {"two\nlines_grid": GOOD[f"{NAME}_grid"]}, "has arrays whose names cannot be printed"),
         ({}, "holds no recordings: name the arrays of an episode NAME_grid, NAME_agents"),
         ({"easy_levels_grid": GOOD[f"{NAME}_grid"][None]}, "holds levels, not recordings of episodes"),
         (given(status=None), f"lacks the array {NAME}_status: it must hold the status of every train after every step"),
@@ -160,11 +161,12 @@ def test_what_is_no_archive_is_refused(path: Path, content: bytes):
         replay_file(path)
 
 
-def test_damage_inside_is_named(path: Path):
+@pytest.mark.parametrize("before", [0, 20])  # in the array's numbers, and in its header
+def test_damage_inside_is_named(path: Path, before: int):
     np.savez(path, **GOOD)
     data = bytearray(path.read_bytes())
     place = data.index(GOOD[f"{NAME}_rewards"].tobytes())
-    data[place] ^= 1
+    data[place - before] ^= 1
     path.write_bytes(data)
     with pytest.raises(LevelFileError, match=f"the array {NAME}_rewards is damaged"):
         replay_file(path)
