@@ -6,12 +6,13 @@ shape. Files are checked before they are believed; nothing in them is unpickled.
 """
 
 import os
-import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 from common.levels.level import Level
@@ -23,7 +24,61 @@ Groups = dict[str, list[Level]]
 
 
 class LevelFileError(ValueError):
-    """A file that holds no levels: one line that names it and what is wrong."""
+    """A file that does not hold what it should: one line that names it and what is wrong."""
+
+
+class StoredArrays(Mapping[str, NDArray[Any]]):
+    """The arrays of an .npz file, each read when it is asked for."""
+
+    def __init__(self, path: Path, file: NpzFile) -> None:
+        self._path = path
+        self._file = file
+        self._names = dict.fromkeys(file.files)
+
+    def __contains__(self, name: object) -> bool:  # that of Mapping would read the array
+        return name in self._names
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name not in self:
+            raise KeyError(name)
+        try:
+            array = self._file[name]
+        except Exception as error:  # noqa: BLE001  (numpy passes on whatever its parsers raise)
+            if "allow_pickle" in str(error):
+                problem = "holds Python objects, which are not read: save it as an array of numbers"
+            else:
+                problem = "is damaged: save the file again"
+            raise LevelFileError(f"{self._path}: the array {name} {problem}") from None
+        if not isinstance(array, np.ndarray):
+            raise LevelFileError(f"{self._path}: {name} is no array: save it with numpy")
+        return array
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[StoredArrays]:
+    """The arrays of an .npz file, as long as it is open.
+
+    Raises:
+        LevelFileError: it is none.
+    """
+    with ExitStack() as stack:
+        try:
+            file = np.load(stack.enter_context(path.open("rb")), allow_pickle=False)
+        except FileNotFoundError:
+            raise LevelFileError(f"{path}: no such file") from None
+        except Exception:  # noqa: BLE001  (as above)
+            raise LevelFileError(f"{path} is no readable .npz file of arrays: save it again with numpy") from None
+        if not isinstance(file, NpzFile):
+            raise LevelFileError(f"{path} is no readable .npz file of arrays: it holds a single array")
+        if not all(name.isprintable() for name in file.files):
+            raise LevelFileError(f"{path} has arrays whose names cannot be printed: save it again")
+        yield StoredArrays(path, stack.enter_context(file))
 
 
 def save(path: Path, groups: Mapping[str, Sequence[Level]]) -> None:
@@ -58,13 +113,8 @@ def load(path: Path) -> Groups:
     Raises:
         LevelFileError: the file cannot be read, or something in it is no level.
     """
-    try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except FileNotFoundError:
-        raise LevelFileError(f"{path}: no such file") from None
-    except (OSError, ValueError, TypeError, EOFError, AttributeError, zipfile.BadZipFile):
-        raise LevelFileError(f"{path} is no readable .npz file of arrays") from None
+    with opened(path) as stored:
+        arrays = dict(stored)
     names = [key.removesuffix(GRID) for key in arrays if key.endswith(GRID)]
     if not names:
         raise LevelFileError(f"{path} has no array named <group>{GRID}, so it holds no levels")

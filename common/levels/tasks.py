@@ -8,6 +8,7 @@ import argparse
 import json
 import logging
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -60,6 +61,19 @@ def verify_bank(options: argparse.Namespace) -> None:
             say({"progress": {"of": "levels", "done": done, "total": total, "seconds_left": None}})
 
     say({"bank": str(options.bank), "levels": verify(options.bank, options.sample, tell)})
+
+
+def replay(options: argparse.Namespace) -> None:
+    """Replay recorded episodes, and count where they differ."""
+    from common.rail.replay import replay_file  # noqa: PLC0415  (compiled code, which no other task needs)
+
+    begin = time.monotonic()
+
+    def tell(done: int, total: int) -> None:
+        left = (time.monotonic() - begin) / done * (total - done) if done else None
+        say({"progress": {"of": "episodes", "done": done, "total": total, "seconds_left": left}})
+
+    say({"file": str(options.file), **replay_file(options.file, tell).document()})
 
 
 def show(options: argparse.Namespace) -> None:
@@ -162,6 +176,9 @@ def _parser() -> argparse.ArgumentParser:
     task.set_defaults(run=verify_bank)
     task.add_argument("--bank", type=Path, required=True)
     task.add_argument("--sample", type=int, default=100)
+    task = tasks.add_parser("replay")
+    task.set_defaults(run=replay)
+    task.add_argument("file", type=Path)
     task = tasks.add_parser("show")
     task.set_defaults(run=show)
     task.add_argument("--file", type=Path)

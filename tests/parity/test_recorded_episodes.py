@@ -1,66 +1,86 @@
-"""Episodes recorded with flatland-rl 2.2.2 replay without a difference.
+"""Episodes recorded with flatland-rl 2.2.2 replay without a difference: compiled, and on flatland-rl 4.3.0."""
 
-A recording holds, per episode, the grid and trains, what every train was told in every step, and what came of it:
-positions (-1 off the map), rewards, status (3 arrived), whether an action was required after the step, and the raw
-trees of the first observations.
-"""
-
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from common.levels.files import opened
+from common.levels.legacy import generate
 from common.levels.level import Level
+from common.rail.findings import FIELDS, Findings
 from common.rail.flatland_world import FlatlandEpisode
+from common.rail.recorded import ACTIVE, ARRIVED, READY_TO_DEPART, Course, RecordedEpisode, episode_names, read_episode
+from common.rail.replay import replay
 
 HERE = Path(__file__).parent
 SMALL = HERE / "data" / "flatland222_episodes_small.npz"
 FULL = HERE.parents[2] / "shared" / "data" / "flatland222_episodes.npz"  # where the small file was cut from, if there
-ARRIVED = 3
 
 
-@cache
-def recording(path: Path) -> dict[str, np.ndarray]:
-    with np.load(path) as file:
-        return dict(file)
-
-
-def names(path: Path) -> list[str]:
-    return [key.removesuffix("_grid") for key in recording(path) if key.endswith("_grid")]
+def episodes(path: Path) -> list[RecordedEpisode]:
+    with opened(path) as arrays:
+        return [read_episode(path, arrays, name) for name in episode_names(path, arrays)]
 
 
 EPISODES = [
-    pytest.param(path, name, id=f"{path.stem}-{name}")
+    pytest.param(told, id=f"{path.stem}-{told.name}")
     for path in (SMALL, FULL)
     if path.exists()
-    for name in names(path)
+    for told in episodes(path)
 ]
 
 
-@pytest.mark.parametrize(("path", "name"), EPISODES)
-def test_a_recorded_episode_replays(path: Path, name: str):
-    told = {key.removeprefix(f"{name}_"): value for key, value in recording(path).items() if key.startswith(name)}
-    agents = told["agents"].astype(np.int32)
-    episode = FlatlandEpisode(Level(told["grid"], agents[:, :3], agents[:, 3:], int(told["max_steps"])))
-    compare_trees(episode, told["trees"][0])
-    for t, actions in enumerate(told["actions"].tolist()):
+def replay_on_flatland(told: RecordedEpisode) -> Course:
+    """As `common.rail.replay.replay`, for episodes that end no earlier than their recording."""
+    episode, observations = FlatlandEpisode(told.level), len(told.course.tree)
+    ours: dict[str, list] = {name: [] for name in FIELDS}
+    ours["tree"].append(trees(episode))
+    for actions in told.actions.tolist():
         assert not episode.over
-        rewards = episode.step(actions)
-        places = [(-1, -1, -1) if here is None else here for here in episode.configurations()]
-        np.testing.assert_array_equal(places, told["positions"][t])
-        np.testing.assert_array_equal(rewards, told["rewards"][t])
-        np.testing.assert_array_equal(episode.arrived(), told["status"][t] == ARRIVED)
-        free = ~np.array(episode.committed()) & ~np.array(episode.arrived())
-        np.testing.assert_array_equal(free, told["required"][t])
-        if t + 1 < len(told["trees"]):
-            compare_trees(episode, told["trees"][t + 1])
-    assert episode.over == bool(told["ended"])
+        ours["reward"].append(episode.step(actions))
+        places = episode.configurations()
+        ours["position"].append([(-1, -1, -1) if here is None else here for here in places])
+        arrived, committed = episode.arrived(), episode.committed()
+        ours["status"].append(
+            [
+                ARRIVED if done else READY_TO_DEPART if here is None else ACTIVE
+                for done, here in zip(arrived, places, strict=True)
+            ]
+        )
+        ours["required"].append([not (done or bound) for done, bound in zip(arrived, committed, strict=True)])
+        if len(ours["tree"]) < observations:
+            ours["tree"].append(trees(episode))
+    return Course(**{name: np.array(rows) for name, rows in ours.items()}, ended=episode.over)
 
 
-def compare_trees(episode: FlatlandEpisode, expected: np.ndarray) -> None:
-    for train, arrived in enumerate(episode.arrived()):
-        if arrived:
-            assert np.isnan(expected[train]).all()
-        else:
-            np.testing.assert_array_equal(episode.tree(train), expected[train])
+def trees(episode: FlatlandEpisode) -> list[np.ndarray]:
+    unseen = np.full((21, 12), np.nan, np.float32)
+    return [unseen if arrived else episode.tree(train) for train, arrived in enumerate(episode.arrived())]
+
+
+@pytest.mark.parametrize("engine", [replay, replay_on_flatland])
+@pytest.mark.parametrize("told", EPISODES)
+def test_a_recorded_episode_replays(told: RecordedEpisode, engine):
+    findings = Findings()
+    findings.add(told, engine(told))
+    assert findings.agent_steps == told.actions.size > 0
+    assert findings.tree_nodes > 0
+    assert findings.first_mismatch is None
+    assert set(findings.mismatches.values()) == {0}
+
+
+@pytest.mark.parametrize(("n_trains", "max_steps", "observations"), [(1, 90, 91), (2, 60, 1), (7, 120, 25)])
+def test_what_flatland_plays_on_levels_of_other_sizes_replays(n_trains: int, max_steps: int, observations: int):
+    level = generate("hard", 30 + n_trains)
+    grid = np.pad(level.grid, ((0, 3), (0, 9)))
+    level = Level(grid, level.starts[:n_trains], level.targets[:n_trains], max_steps)
+    rng = np.random.default_rng(n_trains)
+    actions = rng.choice(5, p=[0.05, 0.1, 0.7, 0.1, 0.05], size=(max_steps, n_trains)).astype(np.int8)
+    blank = Course(*[np.zeros(0)] * 4, np.empty((observations, n_trains, 21, 12), np.float32), None)
+    told = RecordedEpisode("other", level, actions, blank)
+    told = told._replace(course=replay_on_flatland(told))
+    findings = Findings()
+    findings.add(told, replay(told))
+    assert findings.first_mismatch is None
+    assert (told.course.position >= 0).any()

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from common.records import (
     CIRCUMSTANCES,
     CheckpointFile,
+    CheckpointNotice,
     Episode,
     EpisodeRow,
     EvaluationRow,

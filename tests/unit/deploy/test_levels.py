@@ -16,6 +16,8 @@ from common.seeding import evaluation_level_seed, training_level_seed
 from deploy.cli import app
 from deploy.levels import time_left
 
+RECORDINGS = Path(__file__).parents[2] / "parity" / "data" / "flatland222_episodes_small.npz"
+
 
 @pytest.fixture
 def railctl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -46,6 +48,58 @@ def test_damage_is_reported_in_one_line(railctl, tmp_path: Path):
     path.write_bytes(path.read_bytes()[:-1])
     assert railctl("verify", code=1).strip() == (
         f"railctl: {path} is not as long as its header says: delete it, then railctl levels build makes it again"
+    )
+
+
+def test_recordings_are_replayed(railctl):
+    output = railctl("verify", RECORDINGS)
+    assert "episodes: 6 of 6" in output
+    assert f"{RECORDINGS}: 6 episodes, 8508 agent-steps, 4841 tree nodes" in output
+    assert output.endswith("\nmismatches: position 0, reward 0, status 0, required 0, tree 0\n")
+    assert json.loads(railctl("verify", RECORDINGS, "--json")) == {
+        "file": str(RECORDINGS),
+        "episodes": 6,
+        "agent_steps": 8508,
+        "tree_nodes": 4841,
+        "mismatches": {"position": 0, "reward": 0, "status": 0, "required": 0, "tree": 0},
+        "first_mismatch": None,
+    }
+
+
+def test_a_recording_that_differs_fails_and_says_where(railctl, tmp_path: Path):
+    path = tmp_path / "bad.npz"
+    with np.load(RECORDINGS) as file:
+        arrays = dict(file)
+    true = arrays["hard_08_trees"][3, 2, 0, 6].item()
+    arrays["hard_08_trees"][3, 2, 0, 6] = 99
+    arrays["hard_08_positions"][9:11, 5, 1] = 4
+    np.savez(path, **arrays)
+    output = railctl("verify", path, code=1)
+    assert "mismatches: position 2, reward 0, status 0, required 0, tree 1\n" in output
+    first = f"the first: episode hard_08, step 3, train 2, node 0, feature 6, tree: recorded 99.0, ours {true}"
+    assert output.splitlines()[-1] == first
+    document = json.loads(railctl("verify", path, "--json", code=1))
+    assert document["mismatches"] == {"position": 2, "reward": 0, "status": 0, "required": 0, "tree": 1}
+    assert document["first_mismatch"] == {
+        "episode": "hard_08",
+        "step": 3,
+        "train": 2,
+        "field": "tree",
+        "recorded": 99.0,
+        "ours": true,
+        "node": 0,
+        "feature": 6,
+    }
+
+
+def test_what_holds_no_recordings_is_refused_in_one_line(railctl, tmp_path: Path):
+    path = tmp_path / "levels.npz"
+    files.save(path, {"easy": [generate("easy", 1)]})
+    assert railctl("verify", path, code=1) == (
+        f"railctl: {path} holds levels, not recordings of episodes: railctl levels show draws them\n"
+    )
+    assert railctl("verify", path, "--sample", 3, code=2) == (
+        f"railctl: --sample and --bank are for checking the bank: to replay {path}, leave them out\n"
     )
 
 
@@ -85,6 +139,7 @@ def test_training_levels_are_exported_by_run_seed(railctl, tmp_path: Path):
         (("build", "--level", "eassy"), 2, "--level 'eassy': did you mean easy? known are easy, hard, medium"),
         (("build", "--seeds", "1-"), 2, "--seeds '1-': use a number, or two as 1-10"),
         (("show", "no.npz"), 2, "does not exist"),
+        (("verify", "no.npz"), 2, "does not exist"),
         (("show", "--seed", "-1"), 2, "greater than or equal to 0"),
         (("show", "--output", "/no/where/level.png"), 1, "railctl: /no/where/level.png: No such file or directory"),
     ],

@@ -1,0 +1,45 @@
+"""railctl levels build: fill the bank."""
+
+import os
+import re
+from typing import Annotated
+
+import typer
+
+from common.config import DIFFICULTIES, ConfigError
+from common.levels.bank import bank_root
+from deploy.commands.levels.options import Bank, known, option
+from deploy.levels import run_task
+from deploy.output import AsJson, one_line_errors, say
+from deploy.runs import runs_root
+
+SEEDS = re.compile(r"^(\d+)(?:-(\d+))?$")
+
+
+@one_line_errors
+def build(
+    level: Annotated[
+        list[str] | None, typer.Option(help="easy, medium or hard; may be repeated.  [default: all]")
+    ] = None,
+    seeds: Annotated[str, typer.Option(help="Seeds of the runs that shall find their levels, as 3 or 1-10.")] = "1-10",
+    episodes: Annotated[int, typer.Option(help="Training episodes of each run.", min=0)] = 1500,
+    evaluation: Annotated[int, typer.Option(help="Evaluation levels.", min=0)] = 1000,
+    processes: Annotated[int | None, typer.Option(help="Processes to build with.  [default: all cores]", min=1)] = None,
+    bank: Bank = None,
+    as_json: AsJson = False,
+) -> None:
+    """Generate levels ahead of time, for all runs; goes on where an earlier build was stopped."""
+    found = SEEDS.match(seeds)
+    if found is None:
+        raise ConfigError(f"--seeds {seeds!r}: use a number, or two as 1-10")
+    first, last = found[1], found[2] or found[1]
+    result = run_task(
+        "build",
+        *option("--bank", bank or bank_root(runs_root())),
+        *("--level", *[known(name) for name in level or DIFFICULTIES]),
+        *("--first-seed", first, "--last-seed", last, "--episodes", str(episodes), "--evaluation", str(evaluation)),
+        *option("--processes", processes or len(os.sched_getaffinity(0))),
+        quiet=as_json,
+    )
+    counts = ", ".join(f"{count} {name}" for name, count in result["levels"].items())
+    say(f"{result['bank']} holds {counts}; {sum(result['built'].values())} are new", result, as_json=as_json)

@@ -1,0 +1,22 @@
+"""What several verbs on levels are told, and how it is passed on to `common.levels.tasks`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from common.config import DIFFICULTIES, ConfigError, nearest
+
+Bank = Annotated[Path | None, typer.Option(help="The bank's folder.  [default: $RAILCTL_LEVELS or runs/.levels]")]
+Level = Annotated[str, typer.Option(help="easy, medium or hard.")]
+LevelFile = Annotated[Path | None, typer.Argument(metavar="[FILE]", help="A .npz or .pkl file.", exists=True)]
+
+
+def option(name: str, value: object) -> list[str]:
+    return [] if value is None else [name, str(value)]
+
+
+def known(level: str) -> str:
+    if level not in DIFFICULTIES:
+        raise ConfigError(f"--level {level!r}{nearest(level, list(DIFFICULTIES))}")
+    return level

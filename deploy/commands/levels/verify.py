@@ -1,0 +1,67 @@
+"""railctl levels verify: check the bank, or replay recorded episodes."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from common.config import ConfigError
+from common.levels.bank import bank_root
+from deploy.commands.levels.options import Bank, option
+from deploy.levels import run_task
+from deploy.output import FAILED, AsJson, one_line_errors, say
+from deploy.runs import runs_root
+
+SAMPLE = 100
+
+Recordings = Annotated[
+    Path | None, typer.Argument(metavar="FILE", help="Recorded episodes, .npz; default: the bank.", exists=True)
+]
+
+
+@one_line_errors
+def verify(
+    file: Recordings = None,
+    sample: Annotated[
+        int | None, typer.Option(help=f"How many of the bank's levels to generate again; default: {SAMPLE}.", min=0)
+    ] = None,
+    bank: Bank = None,
+    as_json: AsJson = False,
+) -> None:
+    """Replay the recorded episodes of FILE, step by step, under the rules of flatland 2.2.2.
+
+    Without FILE: check every level of the bank against its hash, and a sample against the generator.
+    """
+    if file is None:
+        root = bank or bank_root(runs_root())
+        result = run_task(
+            "verify",
+            *option("--bank", root),
+            *option("--sample", SAMPLE if sample is None else sample),
+            quiet=as_json,
+        )
+        say(f"{root}: {result['levels']} levels are as they were written", result, as_json=as_json)
+        return
+    if sample is not None or bank is not None:
+        raise ConfigError(f"--sample and --bank are for checking the bank: to replay {file}, leave them out")
+    result = run_task("replay", str(file), quiet=as_json)
+    say(_found(result), result, as_json=as_json)
+    if any(result["mismatches"].values()):
+        sys.exit(FAILED)
+
+
+def _found(result: dict[str, Any]) -> str:
+    compared = f"{result['episodes']} episodes, {result['agent_steps']} agent-steps, {result['tree_nodes']} tree nodes"
+    counts = ", ".join(f"{field} {count}" for field, count in result["mismatches"].items())
+    lines = [f"{result['file']}: {compared}", f"mismatches: {counts}"]
+    first = result["first_mismatch"]
+    if first is not None:
+        lines.append(f"the first: {_place(first)}: recorded {first['recorded']}, ours {first['ours']}")
+    return "\n".join(lines)
+
+
+def _place(mismatch: dict[str, Any]) -> str:
+    parts = ("step", "train", "node", "feature")
+    numbers = [f"{part} {mismatch[part]}" for part in parts if mismatch[part] is not None]
+    return ", ".join([f"episode {mismatch['episode']}", *numbers, mismatch["field"]])
