@@ -2,6 +2,7 @@
 
 import typer
 
+from deploy.commands.bench import bench
 from deploy.commands.checkpoint import checkpoint
 from deploy.commands.doctor import doctor
 from deploy.commands.down import down
@@ -21,7 +22,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for verb in (up, status, tail, logs, scale, pause, resume, checkpoint, down, doctor):
+for verb in (up, status, tail, logs, scale, pause, resume, checkpoint, down, doctor, bench):
     app.command()(verb)
 app.add_typer(levels, name="levels")
 

@@ -13,19 +13,16 @@ from types import MethodType
 from typing import Any
 
 import numpy as np
-from flatland.core.effects_generator import EffectsGenerator
 from flatland.core.env_observation_builder import DummyObservationBuilder
-from flatland.core.grid.grid4 import Grid4TransitionsEnum
 from flatland.envs.rail_env import RailEnv
 from flatland.envs.rail_env_action import RailEnvActions
 from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
-from flatland.envs.rail_trainrun_data_structures import Waypoint
 from flatland.envs.rewards import Rewards
 from flatland.envs.step_utils.speed_counter import SpeedCounter
 from flatland.envs.step_utils.states import TrainState
-from flatland.envs.timetable_utils import Line, Timetable
 
 from common.levels.level import Level
+from common.rail.plain_env import StartReady, line_of, timetable_of
 from common.rail.world import DO_NOTHING, MOVE_FORWARD, STOP_MOVING
 
 ACTIONS = [RailEnvActions.from_value(action) for action in range(5)]
@@ -65,13 +62,12 @@ class _UnitSpeed(SpeedCounter):
         return speed.numerator > 0
 
 
-class _StartReady(EffectsGenerator[RailEnv]):
-    """4.3.0 spends the first step on becoming ready to depart; 2.2.2 starts so."""
+class _StartReady(StartReady):
+    """With the faster counters of speed."""
 
     def on_episode_start(self, env: RailEnv, *_args: Any, **_kwargs: Any) -> RailEnv:
-        agents: list[Any] = env.agents
+        agents: list[Any] = super().on_episode_start(env).agents
         for agent in agents:
-            agent.state_machine.set_state(TrainState.READY_TO_DEPART)
             agent.speed_counter = _UnitSpeed()
         return env
 
@@ -102,8 +98,8 @@ class LevelEnv(RailEnv):
             width,
             height,
             rail_generator=lambda *_args: (_LevelRail(self._level), None),
-            line_generator=lambda rail, *_args: _line(self._level, rail),
-            timetable_generator=lambda *_args: _timetable(self._level),
+            line_generator=lambda rail, *_args: line_of(self._level, rail),
+            timetable_generator=lambda *_args: timetable_of(self._level),
             obs_builder_object=DummyObservationBuilder(),  # type: ignore[no-untyped-call]
             rewards=StudyRewards(),
             random_seed=0,
@@ -111,7 +107,7 @@ class LevelEnv(RailEnv):
             braking_delta=Fraction(-1),
         )
         random.setstate(state)  # the library seeds the interpreter's own generator
-        self.effects_generator: EffectsGenerator[RailEnv] = _StartReady()  # in place of malfunctions
+        self.effects_generator: Any = _StartReady()  # in place of malfunctions
         self.load(level)
 
     def load(self, level: Level) -> None:
@@ -123,24 +119,6 @@ class LevelEnv(RailEnv):
     def get_info_dict(self) -> dict[str, Any]:
         """Nobody asks for it, and it would take a tenth of a step."""
         return {}
-
-
-def _line(level: Level, rail: RailGridTransitionMap) -> Line:
-    waypoints = {}
-    for train in range(level.n_trains):
-        row, column, heading = level.starts[train].tolist()
-        target = tuple(level.targets[train].tolist())
-        start = Waypoint((row, column), Grid4TransitionsEnum(heading))
-        ends = [Waypoint(target, way) for way in Grid4TransitionsEnum if rail.is_valid_configuration((target, way))]
-        waypoints[train] = [[start], ends]
-    return Line(agent_waypoints=waypoints, agent_speeds=[1.0] * level.n_trains)
-
-
-def _timetable(level: Level) -> Timetable:
-    """Every train may depart at once, and has until the step limit."""
-    departures: list[Any] = [[0, None]] * level.n_trains
-    arrivals: list[Any] = [[None, level.max_steps]] * level.n_trains
-    return Timetable(departures, arrivals, level.max_steps)
 
 
 class LegacyDriver:
@@ -190,8 +168,8 @@ class LegacyActions:
         """[N]: the actions that trains are committed to."""
         return [driver.committed for driver in self._drivers]
 
-    def step(self, actions: Sequence[int]) -> None:
-        """Step the environment with an action a train."""
+    def step(self, actions: Sequence[int]) -> dict[int, RailEnvActions]:
+        """Step the environment with an action a train; returns what it was given."""
         agents = self._env.agents
         sent = {}
         for train, driver in enumerate(self._drivers):
@@ -200,6 +178,7 @@ class LegacyActions:
         self._env.step(sent)
         for agent, driver in zip(agents, self._drivers, strict=True):
             driver.look(agent.current_configuration)
+        return sent
 
 
 def has_way(rail: Any, here: Any, action: int) -> bool:

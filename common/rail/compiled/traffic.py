@@ -37,7 +37,9 @@ class Traffic:
 
     def integer_speeds(self, n_trains: int) -> tuple[NDArray[np.int32], int]:
         """[N] full speeds as multiples of 1 / unit, and the unit."""
-        speeds = self.speeds or [Fraction(1)] * n_trains
+        if self.speeds is None:
+            return np.ones(n_trains, np.int32), 1
+        speeds = self.speeds
         if len(speeds) != n_trains or not all(0 < speed <= 1 for speed in speeds):
             raise ValueError(f"{n_trains} trains need as many speeds, above 0 and at most 1: {speeds}")
         unit = lcm(*(speed.denominator for speed in speeds))
@@ -47,14 +49,18 @@ class Traffic:
 
     def departure_times(self, n_trains: int) -> NDArray[np.int32]:
         """[N]."""
-        times = np.array(self.departures or [0] * n_trains, np.int32)
+        if self.departures is None:
+            return np.zeros(n_trains, np.int32)
+        times = np.array(self.departures, np.int32)
         if times.shape != (n_trains,):
             raise ValueError(f"{n_trains} trains need as many departures: {self.departures}")
         return times
 
     def target_masks(self, n_trains: int) -> NDArray[np.int32]:
         """[N]: a bit a heading, 0 for all."""
-        headings = self.target_headings or [()] * n_trains
+        if self.target_headings is None:
+            return np.zeros(n_trains, np.int32)
+        headings = self.target_headings
         if len(headings) != n_trains:
             raise ValueError(f"{n_trains} trains need as many lists of headings at targets: {headings}")
         return np.array([sum(1 << heading for heading in set(some)) for some in headings], np.int32)

@@ -105,7 +105,8 @@ class CompiledWorld:
         departures = traffic.departure_times(n_trains)
         grid = np.ascontiguousarray(level.grid, np.uint16)
         starts = np.ascontiguousarray(level.starts, np.int32)
-        targets = np.column_stack([level.targets, traffic.target_masks(n_trains)]).astype(np.int32)
+        targets = np.empty((n_trains, 3), np.int32)
+        targets[:, :2], targets[:, 2] = level.targets, traffic.target_masks(n_trains)
         numbers = np.empty(grid.shape, np.int32)
         count = number_cells(grid, starts, targets, numbers)
         if count < 0:

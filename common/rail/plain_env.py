@@ -1,0 +1,67 @@
+"""A flatland-rl 4.3.0 environment on a given level, made as its users make one; nothing is left out for speed."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from flatland.core.effects_generator import EffectsGenerator
+from flatland.core.env_observation_builder import ObservationBuilder
+from flatland.core.grid.grid4 import Grid4TransitionsEnum
+from flatland.envs.rail_env import RailEnv
+from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
+from flatland.envs.rail_trainrun_data_structures import Waypoint
+from flatland.envs.step_utils.states import TrainState
+from flatland.envs.timetable_utils import Line, Timetable
+
+from common.levels.level import Level
+
+
+class StartReady(EffectsGenerator[RailEnv]):
+    """4.3.0 spends the first step on becoming ready to depart; 2.2.2 starts so."""
+
+    def on_episode_start(self, env: RailEnv, *_args: Any, **_kwargs: Any) -> RailEnv:
+        agents: list[Any] = env.agents
+        for agent in agents:
+            agent.state_machine.set_state(TrainState.READY_TO_DEPART)
+        return env
+
+
+def plain_environment(
+    level: Level, observer: ObservationBuilder[Any, Any], speeds: Sequence[float] | None = None, **options: Any
+) -> RailEnv:
+    """The environment, before its first reset.
+
+    Args:
+        level: what is played.
+        observer: gives the observations.
+        speeds: of the trains, in cells a step; all 1 if not given.
+        options: of `RailEnv`.
+    """
+    height, width = level.grid.shape
+    return RailEnv(
+        width,
+        height,
+        rail_generator=lambda *_args: (RailGridTransitionMap(width, height, grid=level.grid.copy()), None),
+        line_generator=lambda rail, *_args: line_of(level, rail, speeds),
+        timetable_generator=lambda *_args: timetable_of(level),
+        number_of_agents=level.n_trains,
+        obs_builder_object=observer,
+        **options,
+    )
+
+
+def line_of(level: Level, rail: RailGridTransitionMap, speeds: Sequence[float] | None = None) -> Line:
+    """Where the trains start and go, and how fast they run: 1 if not given."""
+    waypoints = {}
+    for train in range(level.n_trains):
+        row, column, heading = level.starts[train].tolist()
+        target = tuple(level.targets[train].tolist())
+        ends = [Waypoint(target, way) for way in Grid4TransitionsEnum if rail.is_valid_configuration((target, way))]
+        waypoints[train] = [[Waypoint((row, column), Grid4TransitionsEnum(heading))], ends]
+    return Line(waypoints, list(speeds or [1.0] * level.n_trains))
+
+
+def timetable_of(level: Level) -> Timetable:
+    """Every train may depart at once, and has until the step limit."""
+    departures: list[Any] = [[0, None]] * level.n_trains
+    arrivals: list[Any] = [[None, level.max_steps]] * level.n_trains
+    return Timetable(departures, arrivals, level.max_steps)

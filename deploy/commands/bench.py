@@ -1,0 +1,56 @@
+"""railctl bench: ours beside others, in a process of its own that may import both."""
+
+import os
+import subprocess
+import sys
+from typing import Annotated
+
+import typer
+
+from common.config import ConfigError, nearest
+from deploy.output import AsJson, one_line_errors
+from deploy.plan import ENVIRONMENT
+from deploy.runs import Failed
+
+BENCHES = {
+    "world": "common.rail.bench_world",
+    "policy": "common.policy.bench_policy",
+    "levels": "common.levels.bench_levels",
+}
+INTERRUPTED = 130  # as shells say it
+
+
+@one_line_errors
+def bench(
+    what: Annotated[str, typer.Argument(metavar="WHAT", help=f"One of {', '.join(BENCHES)}.")],
+    repeats: Annotated[int | None, typer.Option(help="Repeats, whose medians are taken.  [default: 5]")] = None,
+    worlds: Annotated[int | None, typer.Option(help="Worlds, levels or episodes in a repeat.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Measure ours beside flatland-rl: same work, one process, one core; a ratio above 1 says that ours is better."""
+    if what not in BENCHES:
+        raise ConfigError(f"unknown benchmark {what!r}{nearest(what, list(BENCHES))}")
+    command = [sys.executable, "-m", BENCHES[what]]
+    for option, value in (("--repeats", repeats), ("--worlds", worlds)):
+        if value is not None and value < 1:
+            raise ConfigError(f"{option} {value}: use a number above 0")
+        command += [] if value is None else [option, str(value)]
+    code = _run([*command, "--json"] if as_json else command)
+    if code < 0:
+        raise Failed(f"bench {what} was killed by signal {-code}: run it again")
+    if code:
+        sys.exit(code)
+
+
+def _run(command: list[str]) -> int:
+    """Run a command to its end; it speaks for itself, and is no concern of the terminal's Ctrl-C, but of ours."""
+    with subprocess.Popen(command, env=os.environ | ENVIRONMENT, process_group=0) as process:
+        try:
+            return process.wait()
+        except KeyboardInterrupt:
+            process.terminate()
+            process.wait()
+            sys.exit(INTERRUPTED)
+        except BaseException:
+            process.terminate()
+            raise
