@@ -36,7 +36,7 @@ from common.levels.legacy import forget_rails, generate
 from common.levels.level import Level
 from common.policy.compiled import Twin
 from common.policy.networks import QNetwork, build_network, export_parameters, import_parameters
-from common.policy.player import MAX_TRAINS, network_layout
+from common.policy.player import MAX_TRAINS, Acting, network_layout, play
 from common.policy.rollout import Rollouts
 from common.rail.flatland_env import LegacyActions, LevelEnv, StudyRewards
 from common.rail.normalise import N_FEATURES, N_NODE_FEATURES, N_NODES, normalise
@@ -48,7 +48,7 @@ from common.seeding import stream_key
 DEPTH = 2
 EPSILON = 0.1
 PASSES = 10  # ours plays all of its episodes so often, or it would be over before it can be timed
-NETWORK = NetworkConfig(dueling=True)
+NETWORK = NetworkConfig(kind="dueling")
 NODE_OF = {MOVE_LEFT: 1, MOVE_FORWARD: 6, MOVE_RIGHT: 11}  # what lies that way, in the order of `normalise`
 DETOUR = 6  # the feature
 CERTAIN = 100.0  # far more than the random weights say
@@ -88,10 +88,10 @@ class Script:
 
 def script_of(recording: Recording) -> Script:
     """What 4.3.0 must be told to play an episode again."""
-    deciding: list[list[int]] = [[] for _ in range(recording.steps)]
-    actions = np.full((recording.steps, recording.level.n_trains), MOVE_FORWARD)
+    deciding: list[list[int]] = [[] for _ in range(recording.last_step)]
+    actions = np.full((recording.last_step, recording.level.n_trains), MOVE_FORWARD)
     for step, train, action in zip(recording.times, recording.trains, recording.actions, strict=True):
-        deciding[step].append(train)
+        deciding[step].append(int(train))
         actions[step, train] = action
     driver = LegacyActions(LevelEnv(recording.level))
     return Script(recording, deciding, [driver.step(chosen) for chosen in actions.tolist()])
@@ -158,7 +158,7 @@ def _flatten(node: Any, nodes: NDArray[np.float64], at: int, size: int) -> None:
             _flatten(child, nodes, at + 1 + turn * below, below)
 
 
-def _same(theirs: Sequence[dict[int, float]], ours: Sequence[NDArray[np.float32]]) -> bool:
+def _same(theirs: Sequence[dict[int, float]], ours: NDArray[np.float32]) -> bool:
     return len(theirs) == len(ours) and all(
         list(there.values()) == here.tolist() for there, here in zip(theirs, ours, strict=True)
     )
@@ -172,7 +172,9 @@ def comparison(name: str, levels: Sequence[Level], network: QNetwork) -> Compari
 
     def play_all(keys: Sequence[int]) -> list[Recording]:
         for _ in range(PASSES):
-            recordings = [rollouts.play(level, twin, EPSILON, key) for level, key in zip(levels, keys, strict=True)]
+            recordings = [
+                play(rollouts, *one) for one in zip(levels, (Acting(twin, EPSILON, key) for key in keys), strict=True)
+            ]
         return recordings
 
     def once(repeat: int) -> list[Sample]:
@@ -180,7 +182,7 @@ def comparison(name: str, levels: Sequence[Level], network: QNetwork) -> Compari
         seconds, recordings = timed(lambda: play_all(keys))
         ours = seconds / PASSES
         resetting, playing = np.sum([they.play(script_of(recording)) for recording in recordings], axis=0).tolist()
-        per_step = 1e6 / sum(recording.steps for recording in recordings)
+        per_step = 1e6 / sum(recording.last_step for recording in recordings)
         per_episode = 1e3 / len(levels)
         return [
             Sample(f"step with policy {name}", "us/step", ours * per_step, playing * per_step),

@@ -331,7 +331,7 @@ def test_a_token_of_another_form_is_refused(namespace, buses, stranger):
 @pytest.mark.parametrize(
     ("body", "encoding"),
     [
-        (encode(number(1)), "application/msgpack;railctl.HistoryRequest.2"),
+        (encode(number(1)), "application/msgpack;railctl.HistoryRequest.3"),
         (encode(number(1)), "application/msgpack;railctl.Empty.1"),
         (encode(number(1)), "zenoh/bytes"),
         (b"\xc1", encoding_of(HistoryRequest)),
@@ -369,7 +369,7 @@ def test_a_refused_question_names_the_reason_and_the_next_one_is_answered(namesp
 @pytest.mark.parametrize(
     ("body", "encoding", "reason"),
     [
-        (encode(Empty()), encoding_of(Empty), "echo: schema is 'application/msgpack;railctl.Empty.1'"),
+        (encode(Empty()), encoding_of(Empty), "echo: schema is 'application/msgpack;railctl.Empty.2'"),
         (b"\xc1", encoding_of(CommandAnswer), "echo: CommandAnswer: not a message"),
     ],
 )

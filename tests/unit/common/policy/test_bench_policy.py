@@ -13,7 +13,7 @@ from common.policy import bench_policy
 from common.policy.bench_policy import NETWORK, TheirPlayer, comparison, comparisons, pathfinder, script_of
 from common.policy.compiled import Twin
 from common.policy.networks import export_parameters
-from common.policy.player import MAX_TRAINS, network_layout
+from common.policy.player import MAX_TRAINS, Acting, network_layout, play
 from common.policy.rollout import Rollouts
 from common.rail.play import Recording
 
@@ -27,7 +27,7 @@ def short(level: Level) -> Level:
 def played(level: Level, *, greedy: bool) -> Recording:
     twin = Twin(network_layout(NETWORK))
     twin.load(export_parameters(pathfinder()))
-    return Rollouts(MAX_TRAINS).play(level, twin, 0.5, 7, greedy=greedy)
+    return play(Rollouts(MAX_TRAINS), level, Acting(twin, 0.5, 7, greedy))
 
 
 def test_the_network_follows_the_shortest_path():
