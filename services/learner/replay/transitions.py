@@ -43,7 +43,8 @@ _ENDS = np.dtype(
         ("follows", np.int64),
         ("completed_at", np.int64),
         ("back", np.int32),
-    ]
+    ],
+    align=True,
 )
 _PENDING = np.dtype(
     [
@@ -52,7 +53,8 @@ _PENDING = np.dtype(
         ("reward", np.float64),  # discounted sum so far
         ("discount", np.float64),  # gamma to the power of the steps so far
         ("last", np.int64),  # the number of the train's last transition
-    ]
+    ],
+    align=True,
 )
 
 
@@ -116,12 +118,9 @@ class TransitionMaker:
         if not self.is_open:
             self._begin(*episode.final_observations.shape)
         ends = np.empty(len(episode.times) + len(self._pending), _ENDS)
+        arrays = (episode.times, episode.trains, episode.actions, episode.rewards, episode.arrived_at)
         count = follow(
-            episode.times,
-            episode.trains,
-            episode.actions,
-            episode.rewards,
-            episode.arrived_at,
+            *(np.require(array, requirements="CAW") for array in arrays),  # a wire's may be compiled for anew
             episode.first_step,
             episode.over,
             self._discount,

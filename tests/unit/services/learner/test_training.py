@@ -221,12 +221,11 @@ def test_a_state_that_does_not_fit_is_refused(change, message):
         trainer.restore(state)
 
 
-@pytest.mark.parametrize("variant", ["dddqn", "drqn prioritized"])
-def test_fresh_processes_agree_to_the_bit_at_any_alignment(variant):
+def test_fresh_processes_agree_to_the_bit_at_any_alignment():
     environment = os.environ | {"MKL_CBWR": "AUTO,STRICT", "OMP_NUM_THREADS": "1"}
     results = [
         subprocess.run(
-            [sys.executable, __file__, variant, str(offset)],
+            [sys.executable, __file__, str(offset)],
             env=environment,
             capture_output=True,
             text=True,
@@ -236,7 +235,7 @@ def test_fresh_processes_agree_to_the_bit_at_any_alignment(variant):
     ]
     assert not any(result.returncode for result in results), results
     assert len({result.stdout for result in results}) == 1
-    assert len(results[0].stdout.strip()) == 64
+    assert len(results[0].stdout.strip()) == 2 * 64
 
 
 def train_briefly(variant, offset):
@@ -254,4 +253,5 @@ if __name__ == "__main__":
     from common.policy.determinism import deterministic_torch
 
     deterministic_torch()
-    sys.stdout.write(train_briefly(sys.argv[1], int(sys.argv[2])))
+    for name in ("dddqn", "drqn prioritized"):
+        sys.stdout.write(train_briefly(name, int(sys.argv[1])))
