@@ -15,11 +15,13 @@ from common.config import DqnConfig, NetworkConfig, ReplayConfig
 from common.policy.networks import QNetwork, build_network, export_parameters
 from common.records import Episode
 from common.seeding import stream_key
-from services.learner.algorithms.dqn import Dqn
-from services.learner.replay.transitions import transitions
-from services.learner.replay.uniform import UniformReplay
+from services.learner.algorithms.dqn import Batch, Dqn
+from services.learner.replay.replay import Replay
+from services.learner.replay.transitions import Transitions, transitions
 
 COUNTERS = ("episodes", "steps", "updates")
+COLUMNS = {"action_tm1": np.int8, "reward_t": np.float32, "discount_t": np.float32}
+ROWS = ("observation_tm1", "observation_t")
 
 
 class Trainer:
@@ -41,7 +43,7 @@ class Trainer:
         self._config = dqn
         self.network: QNetwork = build_network(network, n_features, n_actions, seed)
         self._algorithm = Dqn(dqn, self.network)
-        self._replay = UniformReplay(replay.capacity, n_features)
+        self._replay = Replay(replay, COLUMNS, ROWS, n_features)
         self._counters = dict.fromkeys(COUNTERS, 0)
 
     @property
@@ -72,11 +74,11 @@ class Trainer:
         added = 0
         for step in self._learning_steps(episode.rewards.shape[0]):
             known = int(np.searchsorted(new.completed_at, step, side="right"))
-            self._replay.add(new[added:known])
+            self._add(new[added:known])
             added = known
             if len(self._replay) >= self._config.batch_size:
                 metrics.append(self._update())
-        self._replay.add(new[added:])
+        self._add(new[added:])
         self._counters["steps"] += episode.rewards.shape[0]
         self._counters["episodes"] += 1
         means = {name: float(np.mean([row[name] for row in metrics])) for name in metrics[0]} if metrics else {}
@@ -117,9 +119,13 @@ class Trainer:
         every = self._config.learn_every_steps
         return iter(range(every - self._counters["steps"] % every, steps + 1, every))
 
+    def _add(self, new: Transitions) -> None:
+        self._replay.add({name: getattr(new, name) for name in (*COLUMNS, *ROWS)})
+
     def _update(self) -> dict[str, float]:
         number = self._counters["updates"]
         rng = np.random.Generator(np.random.Philox(key=stream_key(self._seed, number, "replay")))
-        metrics = self._algorithm.update(self._replay.sample(self._config.batch_size, rng))
+        sample = self._replay.sample(self._config.batch_size, rng)
+        metrics = self._algorithm.update(Batch(**sample.columns))
         self._counters["updates"] += 1
         return metrics

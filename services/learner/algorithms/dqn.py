@@ -23,6 +23,7 @@ Deviations, all of them the study's own text unless said otherwise:
 import copy
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -31,7 +32,16 @@ from torch import Tensor, nn
 
 from common.config import DqnConfig
 from common.policy.networks import QNetwork, export_tensors, import_tensors
-from services.learner.replay.uniform import Batch
+
+
+class Batch(NamedTuple):
+    """B transitions; fields as in `Transitions`."""
+
+    observation_tm1: Tensor  # [B, F] float32
+    action_tm1: Tensor  # [B] int64
+    reward_t: Tensor  # [B] float32
+    discount_t: Tensor  # [B] float32
+    observation_t: Tensor  # [B, F] float32
 
 
 def q_target(r_t: Tensor, discount_t: Tensor, q_target_t: Tensor) -> Tensor:

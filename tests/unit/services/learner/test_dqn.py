@@ -8,8 +8,7 @@ import torch
 
 from common.config import DqnConfig, NetworkConfig
 from common.policy.networks import build_network, export_parameters, import_parameters
-from services.learner.algorithms.dqn import Dqn, double_q_target, q_target, soft_update
-from services.learner.replay.uniform import Batch
+from services.learner.algorithms.dqn import Batch, Dqn, double_q_target, q_target, soft_update
 
 R_T = torch.tensor([-1.0, -2.0])
 DISCOUNT_T = torch.tensor([0.5, 0.0])

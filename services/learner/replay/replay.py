@@ -1,0 +1,225 @@
+"""Experience replay: a ring of the newest items (Lin 1992), drawn uniformly or by priority.
+
+Uniform batches are drawn with replacement (Mnih et al. 2015 do not say): a draw costs the same however much the ring
+holds. Prioritised ones are those of Schaul et al. 2016, see `priorities`. What an item is made of is up to the learner:
+named numbers, and named rows [F], which are kept without their zeros, see `rows`.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import DTypeLike, NDArray
+from torch import Tensor
+
+from common.config import ReplayConfig
+from common.kernel import bare_kernel
+from services.learner.replay.priorities import Priorities
+from services.learner.replay.rows import PARTS, RowRing
+
+BACK = "back"  # the column that `histories` follows
+
+
+class Sample(NamedTuple):
+    """B items in memory that torch allocated, valid until the next sample of the same replay.
+
+    Attributes:
+        columns: by name, [B] int64 or float32, rows [B, F] float32.
+        weights: [B] float32, the importance weights (1/(N P))^beta divided by the largest; ones if drawn uniformly.
+        places: [B], where the items lie, for `reprioritise` and `histories`.
+    """
+
+    columns: dict[str, Tensor]
+    weights: Tensor
+    places: NDArray[np.int64]
+
+
+class Replay:
+    """A ring of at most `config.capacity` items; the oldest give way."""
+
+    def __init__(
+        self, config: ReplayConfig, columns: Mapping[str, DTypeLike], rows: Sequence[str], n_features: int
+    ) -> None:
+        """Items have a number for each of `columns`, of these dtypes, and `n_features` for each of `rows`."""
+        self._capacity = config.capacity
+        self._n_features = n_features
+        # Not zeros: the kernel gives pages to this memory only as the ring fills.
+        self._columns: dict[str, NDArray[Any]] = {name: np.empty(config.capacity, columns[name]) for name in columns}
+        self._rows = {name: RowRing(config.capacity, n_features) for name in rows}
+        prioritized = config.kind == "prioritized"
+        self._priorities = Priorities(config.capacity, config.alpha) if prioritized else None
+        self._added = 0  # ever, or as many as would have left the ring as it is
+        self._sample = self._empty_sample(0)
+        self._histories = torch.empty(0, 0, n_features)
+
+    def __len__(self) -> int:
+        return min(self._added, self._capacity)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all that is kept, and of the room for more."""
+        parts = [*self._columns.values(), *self._rows.values(), *([self._priorities] if self._priorities else [])]
+        return sum(part.nbytes for part in parts)
+
+    def add(self, items: Mapping[str, NDArray[Any]], priorities: NDArray[np.float64] | None = None) -> None:
+        """Append M items, oldest first; without `priorities` they get the largest that there has been, 1 at first.
+
+        Raises:
+            ValueError: the arrays do not fit.
+        """
+        if set(items) != {*self._columns, *self._rows}:
+            raise ValueError(f"items need {sorted({*self._columns, *self._rows})}, got {sorted(items)}")
+        count = len(next(iter(items.values())))
+        if any(len(array) != count for array in items.values()):
+            raise ValueError(f"items differ in number: {({name: len(items[name]) for name in items})}")
+        kept = slice(max(0, count - self._capacity), count)  # those before would be overwritten at once
+        first = self._added + kept.start
+        for name, ring in self._rows.items():
+            ring.add(items[name][kept], first)
+        places = np.arange(first, self._added + count) % self._capacity
+        for name, column in self._columns.items():
+            column[places] = items[name][kept]
+        if self._priorities:
+            self._priorities.put(places, None if priorities is None else priorities[kept])
+        self._added += count
+
+    def sample(self, size: int, rng: np.random.Generator, beta: float = 1.0) -> Sample:
+        """`size` items, with replacement; `beta` is the exponent of the importance weights.
+
+        Raises:
+            ValueError: the ring is empty.
+        """
+        if self._added == 0:
+            raise ValueError("cannot sample from an empty replay: add something first")
+        if len(self._sample.places) != size:
+            self._sample = self._empty_sample(size)
+        columns, weights, _ = self._sample
+        if self._priorities:
+            places = self._priorities.draw(rng, beta, weights.numpy())
+        else:
+            places = rng.integers(len(self), size=size)
+        for name, column in self._columns.items():
+            columns[name].numpy()[:] = column[places]  # the tensor's own memory
+        for name, ring in self._rows.items():
+            ring.gather(places, columns[name].numpy().view(np.uint32))
+        return self._sample._replace(places=places)
+
+    def reprioritise(self, places: NDArray[np.int64], priorities: NDArray[np.float64]) -> None:
+        """Give the items at `places` [B] new priorities, at least 0; the last counts if there are several for one.
+
+        Raises:
+            ValueError: a priority is negative or not finite; then nothing has changed.
+        """
+        if self._priorities:
+            self._priorities.put(places, priorities)
+
+    def histories(self, places: NDArray[np.int64], length: int) -> Tensor:
+        """The last rows of the trains whose items lie at `places` [B], up to these items; of the first row column.
+
+        Column `back` says how many items earlier the same train's previous item was added, 0 for none.
+
+        Returns:
+            [L, B, F], zeros in front where a history begins, or what came before has been overwritten; valid until the
+            next call.
+        """
+        if self._histories.shape[:2] != (length, len(places)):
+            self._histories = torch.empty(length, len(places), self._n_features)
+        chain = np.empty((length, len(places)), np.int64)
+        follow(self._columns[BACK], self._oldest, self._capacity, places, chain)
+        rows = self._histories.numpy().view(np.uint32).reshape(-1, self._n_features)
+        next(iter(self._rows.values())).gather(chain.reshape(-1), rows)
+        return self._histories
+
+    def telling(self) -> dict[str, float]:
+        """`replay_fill`, a share of the capacity; and `priority_mean` and `priority_max`, to the power of alpha."""
+        told = {"replay_fill": len(self) / self._capacity}
+        if self._priorities:
+            told["priority_mean"] = self._priorities.total / max(1, len(self))
+            told["priority_max"] = self._priorities.largest
+        return told
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """A copy of all that the ring holds, in the order of its places, and its cursor."""
+        size = len(self)
+        state = {name: column[:size].copy() for name, column in self._columns.items()}
+        for name, ring in self._rows.items():
+            state |= {f"{name}/{part}": array for part, array in ring.state(size).items()}
+        if self._priorities:
+            state |= self._priorities.state(size)
+        return {**state, "cursor": np.array(self._added % self._capacity, np.int64)}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take on a `state`: what is sampled and overwritten from here on is as in the ring that gave it.
+
+        Raises:
+            ValueError: naming the tensor that is missing, unknown, of another dtype or shape, or out of range; then
+                nothing has changed.
+        """
+        known = {*self._columns, *(f"{name}/{part}" for name in self._rows for part in PARTS), "cursor"}
+        known |= {"priorities", "priority_maximum"} if self._priorities else set()
+        if different := sorted(set(state) ^ known):
+            raise ValueError(f"replay: tensor {different[0]} is {'unknown' if different[0] in state else 'missing'}")
+        size, cursor = self._checked_size(state), int(state["cursor"])
+        rows = {name: self._checked_rows(name, state, size) for name in self._rows}
+        for name, column in self._columns.items():
+            column[:size] = state[name]
+        self._added = size if size < self._capacity else self._capacity + cursor
+        for name, ring in self._rows.items():
+            ring.restore(rows[name], self._oldest)
+        if self._priorities:
+            self._priorities.restore(state["priorities"], float(state["priority_maximum"]))
+
+    @property
+    def _oldest(self) -> int:
+        """Where the oldest item lies, or will."""
+        return self._added % self._capacity if self._added > self._capacity else 0
+
+    def _checked_size(self, state: Mapping[str, NDArray[Any]]) -> int:
+        """How many items a state holds, once all but its rows fits."""
+        name = next(iter(self._columns))
+        size, cursor = len(state[name]), int(state["cursor"])
+        if size > self._capacity:
+            raise ValueError(f"replay: {name} holds {size} items, the capacity is {self._capacity}")
+        if not (cursor == size % self._capacity if size < self._capacity else 0 <= cursor < size):
+            raise ValueError(f"replay: cursor {cursor} does not fit {size} items")
+        wanted = {name: (column.dtype, (size,)) for name, column in self._columns.items()}
+        if self._priorities:
+            wanted |= {"priorities": (np.dtype(np.float64), (size,)), "priority_maximum": (np.dtype(np.float64), ())}
+        for name, (dtype, shape) in wanted.items():
+            got = state[name]
+            if got.dtype != dtype or got.shape != shape:
+                raise ValueError(f"replay: {name} is {got.dtype}{got.shape}, not {dtype}{shape}")
+        for name in ("priorities", "priority_maximum") if self._priorities else ():
+            if not (np.isfinite(state[name]) & (state[name] > 0)).all():
+                raise ValueError(f"replay: {name} is not above 0 and finite")
+        return size
+
+    def _checked_rows(self, name: str, state: Mapping[str, NDArray[Any]], size: int) -> dict[str, NDArray[Any]]:
+        try:
+            return self._rows[name].checked({part: state[f"{name}/{part}"] for part in PARTS}, size)
+        except ValueError as error:
+            raise ValueError(f"replay: {name}/{error}") from None
+
+    def _empty_sample(self, size: int) -> Sample:
+        columns = {
+            name: torch.zeros(size, dtype=torch.float32 if column.dtype.kind == "f" else torch.int64)
+            for name, column in self._columns.items()
+        }
+        columns |= {name: torch.zeros(size, self._n_features) for name in self._rows}
+        return Sample(columns, torch.ones(size), np.zeros(size, np.int64))
+
+
+@bare_kernel
+def follow(
+    back: NDArray[Any], oldest: int, capacity: int, places: NDArray[np.int64], chain: NDArray[np.int64]
+) -> None:
+    """Fill `chain` [L, B] with the places of a train's last items, the last of them being `places` [B]; -1 for none."""
+    for item in range(len(places)):
+        place = places[item]
+        for step in range(len(chain) - 1, -1, -1):
+            chain[step, item] = place
+            if place >= 0:
+                distance = np.int64(back[place])
+                age = (place - oldest) % capacity  # places after the oldest
+                place = (place - distance) % capacity if 0 < distance <= age else -1
