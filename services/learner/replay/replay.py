@@ -43,7 +43,10 @@ class Replay:
     def __init__(
         self, config: ReplayConfig, columns: Mapping[str, DTypeLike], rows: Sequence[str], n_features: int
     ) -> None:
-        """Items have a number for each of `columns`, of these dtypes, and `n_features` for each of `rows`."""
+        """Items have a number for each of `columns`, of these dtypes, and `n_features` for each of `rows`.
+
+        There is at least one of both.
+        """
         self._capacity = config.capacity
         self._n_features = n_features
         # Not zeros: the kernel gives pages to this memory only as the ring fills.
@@ -53,7 +56,7 @@ class Replay:
         prioritized = config.kind == "prioritized"
         self._priorities = Priorities(config.capacity, config.alpha) if prioritized else None
         self._added = 0  # ever, or as many as would have left the ring as it is
-        self._sample = self._empty_sample(0)
+        self._make_sample(0)
         self._histories = torch.empty(0, 0, n_features)
 
     def __len__(self) -> int:
@@ -75,15 +78,15 @@ class Replay:
             raise ValueError(f"items need {sorted({*self._columns, *self._row_names})}, got {sorted(items)}")
         count = len(next(iter(items.values())))
         if any(len(array) != count for array in items.values()):
-            raise ValueError(f"items differ in number: {({name: len(items[name]) for name in items})}")
+            raise ValueError(f"items differ in number: { ({name: len(items[name]) for name in items}) }")
         kept = slice(max(0, count - self._capacity), count)  # those before would be overwritten at once
         first = self._added + kept.start
-        self._rows.add(tuple(_bits(items[name][kept]) for name in self._row_names), first)
         places = np.arange(first, self._added + count) % self._capacity
-        for name, column in self._columns.items():
-            column[places] = items[name][kept]
         if self._priorities:
             self._priorities.put(places, None if priorities is None else priorities[kept])
+        self._rows.add(tuple(_bits(items[name][kept]) for name in self._row_names), first)
+        for name, column in self._columns.items():
+            column[places] = items[name][kept]
         self._added += count
 
     def sample(self, size: int, rng: np.random.Generator, beta: float = 1.0) -> Sample:
@@ -95,16 +98,15 @@ class Replay:
         if self._added == 0:
             raise ValueError("cannot sample from an empty replay: add something first")
         if len(self._sample.places) != size:
-            self._sample = self._empty_sample(size)
-        columns, weights, _ = self._sample
+            self._make_sample(size)
         if self._priorities:
-            places = self._priorities.draw(rng, beta, weights.numpy())
+            places = self._priorities.draw(rng, beta, self._weights_out)
         else:
             places = rng.integers(len(self), size=size)
         for name, column in self._columns.items():
-            columns[name].numpy()[:] = column[places]  # the tensor's own memory
-        self._rows.gather(places, tuple(columns[name].numpy().view(np.uint32) for name in self._row_names))
-        return self._sample._replace(places=places)
+            self._columns_out[name][:] = column[places]
+        self._rows.gather(places, self._rows_out)
+        return Sample(self._sample.columns, self._sample.weights, places)
 
     def reprioritise(self, places: NDArray[np.int64], priorities: NDArray[np.float64]) -> None:
         """Give the items at `places` [B] new priorities, at least 0; the last counts if there are several for one.
@@ -194,13 +196,18 @@ class Replay:
                 raise ValueError(f"replay: {name} is not above 0 and finite")
         return size
 
-    def _empty_sample(self, size: int) -> Sample:
+    def _make_sample(self, size: int) -> None:
+        """What samples of this size are given out in, and the memory of these tensors."""
         columns = {
             name: torch.zeros(size, dtype=torch.float32 if column.dtype.kind == "f" else torch.int64)
             for name, column in self._columns.items()
         }
+        self._columns_out = {name: tensor.numpy() for name, tensor in columns.items()}
         columns |= {name: torch.zeros(size, self._n_features) for name in self._row_names}
-        return Sample(columns, torch.ones(size), np.zeros(size, np.int64))
+        self._rows_out = tuple(columns[name].numpy().view(np.uint32) for name in self._row_names)
+        weights = torch.ones(size)
+        self._weights_out: NDArray[np.float32] = weights.numpy()
+        self._sample = Sample(columns, weights, np.zeros(size, np.int64))
 
 
 def _bits(rows: NDArray[np.float32]) -> NDArray[np.uint32]:
@@ -209,9 +216,7 @@ def _bits(rows: NDArray[np.float32]) -> NDArray[np.uint32]:
 
 
 @bare_kernel
-def follow(
-    back: NDArray[Any], oldest: int, capacity: int, places: NDArray[np.int64], chain: NDArray[np.int64]
-) -> None:
+def follow(back: NDArray[Any], oldest: int, capacity: int, places: NDArray[np.int64], chain: NDArray[np.int64]) -> None:
     """Fill `chain` [L, B] with the places of a train's last items, the last of them being `places` [B]; -1 for none."""
     for item in range(len(places)):
         place = places[item]

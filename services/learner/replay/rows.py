@@ -64,7 +64,9 @@ class RowRing:
         """
         ends = np.zeros((size, 2), np.int64)
         if not locate(words, words.view(self._position), self._n_rows, self._n_features, ends):
-            raise ValueError(f"{len(words)} words are not {size} times {self._n_rows} rows of {self._n_features}")
+            raise ValueError(
+                f"replay: rows: {len(words)} words are not {size} times {self._n_rows} rows of {self._n_features}"
+            )
         return ends
 
     def restore(self, words: Words, ends: NDArray[np.int64], oldest: int) -> None:
@@ -96,9 +98,7 @@ def room(length: int, width: int) -> int:
 
 
 @bare_kernel
-def put(
-    rows: Rows, begin: int, first: int, ends: NDArray[np.int64], words: Words, positions: NDArray[Any]
-) -> int:
+def put(rows: Rows, begin: int, first: int, ends: NDArray[np.int64], words: Words, positions: NDArray[Any]) -> int:
     """Add items from `begin` on until one does not fit; returns how many did.
 
     The live items lie from `head`, where the oldest starts, to `tail`, where the newest ends, perhaps around the end of
@@ -152,9 +152,7 @@ def squeeze(row: Words, start: int, words: Words, positions: NDArray[Any]) -> in
 
 
 @bare_kernel
-def expand(
-    places: NDArray[np.int64], ends: NDArray[np.int64], words: Words, positions: NDArray[Any], out: Rows
-) -> int:
+def expand(places: NDArray[np.int64], ends: NDArray[np.int64], words: Words, positions: NDArray[Any], out: Rows) -> int:
     """Write the rows at `places` [B] into `out`, [B, F] each; see `RowRing.gather`. What it returns means nothing."""
     touched = 0  # memory is slow, but serves many at a time: all is asked for before anything is waited for
     for place in places:
@@ -187,9 +185,7 @@ def relay(order: NDArray[np.int64], ends: NDArray[np.int64], words: Words, new_w
 
 
 @bare_kernel
-def locate(
-    words: Words, positions: NDArray[Any], n_rows: int, n_features: int, ends: NDArray[np.int64]
-) -> bool:
+def locate(words: Words, positions: NDArray[Any], n_rows: int, n_features: int, ends: NDArray[np.int64]) -> bool:
     """Fill `ends` with where each item starts and ends; whether all words are used and every position exists."""
     start, per_word = 0, 4 // positions.itemsize
     for item in range(len(ends)):
