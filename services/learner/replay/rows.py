@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
 """Rows of numbers, most of them zero, in a ring: only what is not zero is kept, bit for bit.
 
 Nine tenths of an observation are +0.0, padding above all. A row is kept as the number n of its other values, these, and
@@ -164,7 +165,7 @@ def expand(places: NDArray[np.int64], ends: NDArray[np.int64], words: Words, pos
         for row in out:
             row[item, :] = 0
             if places[item] >= 0:
-                length = np.int64(words[start])
+                length = int(np.int64(words[start]))
                 cell = (start + 1 + length) * per_word
                 for value in range(length):
                     row[item, positions[cell + value]] = words[start + 1 + value]
@@ -193,7 +194,7 @@ def locate(words: Words, positions: NDArray[Any], n_rows: int, n_features: int, 
         for _ in range(n_rows):
             if start >= len(words) or words[start] > n_features:
                 return False
-            length = np.int64(words[start])
+            length = int(np.int64(words[start]))
             cell = (start + 1 + length) * per_word
             start += room(length, positions.itemsize)
             if start > len(words):
