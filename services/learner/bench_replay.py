@@ -23,7 +23,7 @@ from common.config import DIFFICULTIES, NetworkConfig, ReplayConfig
 from common.levels.legacy import generate
 from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters
-from common.policy.player import MAX_TRAINS, network_layout
+from common.policy.player import MAX_TRAINS, Acting, network_layout, play
 from common.policy.rollout import Rollouts
 from common.rail.normalise import N_FEATURES
 from common.rail.world import N_ACTIONS
@@ -140,7 +140,7 @@ def real_transitions(levels: int) -> Items:
     seen = []
     for difficulty in DIFFICULTIES:
         for seed in range(levels):
-            recording = rollouts.play(generate(difficulty, seed), twin, EPSILON, key=seed)
+            recording = play(rollouts, generate(difficulty, seed), Acting(twin, EPSILON, key=seed))
             by_train = np.lexsort((recording.times, recording.trains))
             seen.append(np.array(recording.observations, np.float32)[by_train])
     rows, rng = np.concatenate(seen), np.random.default_rng(0)

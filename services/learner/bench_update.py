@@ -17,6 +17,7 @@ from common.levels.legacy import generate
 from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters
 from common.policy.packing import Kind, Layout
+from common.policy.player import Acting, play
 from common.policy.recurrent import build_recurrent_network
 from common.policy.rollout import Rollouts
 from common.rail.normalise import N_FEATURES
@@ -48,7 +49,7 @@ class Seen:
     def __init__(self) -> None:
         twin, rollouts = Twin(Layout("plain", N_FEATURES, N_ACTIONS, HIDDEN)), Rollouts(7)
         twin.load(export_parameters(build_network(NetworkConfig(hidden=HIDDEN), N_FEATURES, N_ACTIONS, 1)))
-        played = [rollouts.play(generate("easy", seed), twin, EPSILON, seed) for seed in range(LEVELS)]
+        played = [play(rollouts, generate("easy", seed), Acting(twin, EPSILON, seed)) for seed in range(LEVELS)]
         self._rows = np.array([row for recording in played for row in recording.observations])
 
     def draw(self, rng: np.random.Generator, *shape: int) -> torch.Tensor:
@@ -94,7 +95,9 @@ def comparison(case: Case, seen: Seen, updates: int) -> Comparison:
     def once(repeat: int) -> Sequence[Sample]:
         rng = np.random.default_rng(repeat)
         batches = [case.batch(seen, rng) for _ in range(updates)]
-        (our_s, ours), (their_s, theirs) = (timed(lambda learn=learn: list(map(learn, batches))) for learn in case.sides())
+        (our_s, ours), (their_s, theirs) = (
+            timed(lambda learn=learn: list(map(learn, batches))) for learn in case.sides()
+        )
         if not np.allclose(ours, theirs, rtol=TOLERANCE):
             raise DisagreementError(f"{case.name}, repeat {repeat}: losses are {ours} and {theirs}")
         return [Sample(case.name, "us/update", our_s / updates * 1e6, their_s / updates * 1e6)]

@@ -36,7 +36,7 @@ def act(number, twin, epsilon, *, greedy=False):
 
     The limit holds until no train is under way: its last observation is of a place.
     """
-    choose = twin.in_episode(epsilon, stream_key(1, number, "explore"), TRAINS, greedy=greedy)
+    choose = twin.in_episode(epsilon, stream_key(1, number, "explore"), twin.zero_state(TRAINS), greedy=greedy)
     place = [(number + train) % 4 for train in range(TRAINS)]
     free_at = [0] * TRAINS
     decisions = []
@@ -46,7 +46,7 @@ def act(number, twin, epsilon, *, greedy=False):
             if place[train] == ARRIVED or free_at[train] > step:
                 continue
             here = place[train]
-            action = choose(PLACES[here], step, train)
+            action = choose(PLACES[here], step, train).action
             decisions.append((step, train, action, here))
             free_at[train] += STEPS[here][action]
             place[train] = NEXT[here][action]
@@ -100,7 +100,9 @@ def learn(replay, *, episodes, kind="plain", **switches):
         episodes=episodes,
         discount=DISCOUNT,
         network=NetworkConfig(hidden=layout.hidden, kind=kind),
-        dqn=DqnConfig(**{"learning_rate": 0.002, "batch_size": 32, "learn_every_steps": 2, "target_tau": 0.05} | switches),
+        dqn=DqnConfig(
+            **{"learning_rate": 0.002, "batch_size": 32, "learn_every_steps": 2, "target_tau": 0.05} | switches
+        ),
         replay=ReplayConfig(kind=replay, capacity=5000),
         n_features=layout.n_features,
         n_actions=layout.n_actions,

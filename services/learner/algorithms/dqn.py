@@ -109,20 +109,6 @@ def soft_update(target: Tensor, online: Tensor, tau: float) -> None:
     target.lerp_(online, tau)
 
 
-def build(learning):  # type: ignore
-    from services.learner.training import Trainer
-
-    return Trainer(
-        seed=learning.seed,
-        discount=learning.discount,
-        network=learning.network,
-        dqn=learning.dqn,
-        replay=learning.replay,
-        n_features=learning.n_features,
-        n_actions=learning.n_actions,
-    )
-
-
 class Dqn:
     """Trains a copy of a network of action values, a batch at a time."""
 
