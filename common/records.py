@@ -162,10 +162,7 @@ class Episode(Record):
 
     @property
     def normalised_return(self) -> float:
-        """Sum of the rewards / (trains * max steps), which adds up over the fragments of an episode.
-
-        Of an episode -1 is the worst, about -0.06 the best there is.
-        """
+        """Sum of the rewards / (trains * max steps): of an episode -1 is the worst, about -0.06 the best there is."""
         return float(self.rewards.sum(dtype=np.float64)) / (self.rewards.shape[1] * self.max_steps)
 
     @property

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from common.bus import NoAnswer
 from common.config import Serves
 from common.levels.bank import bank_root
-from common.levels.level import Level
 from common.levels.supply import LevelSupply
 from common.policy.compiled import Twin
 from common.policy.player import MAX_TRAINS, Acting, network_layout, player
@@ -137,23 +136,24 @@ class Actor:
 
     def _act(self, lease: Lease) -> Episode:
         begin = time.perf_counter()
-        level = self._levels.training(lease.level, lease.level_seed)
-        states = self._stand_at(lease, level)
+        states = self._stand_at(lease)
         key = stream_key(self._place.config.seed, lease.episode, "explore")
         recording = self._player.advance(Acting(self._twin, lease.epsilon, key), states, lease.steps)
         self._stands_at = (lease.episode, recording.last_step)
         acting_s = time.perf_counter() - begin
         return _episode(lease, recording, self._place.name, acting_s, waited_s=begin - self._idle_since)
 
-    def _stand_at(self, lease: Lease, level: Level) -> NDArray[np.float32]:
+    def _stand_at(self, lease: Lease) -> NDArray[np.float32]:
         """Bring the world to where the lease goes on, unless it stands there; returns the trains' states [N, S]."""
         before = lease.progressed
+        if before is not None and self._stands_at == (lease.episode, before.first_step):
+            return before.states.copy()
+        self._stands_at = None  # until all goes well
+        level = self._levels.training(lease.level, lease.level_seed)
         if before is None:
             self._player.begin(level)
             return self._twin.zero_state(level.n_trains)
-        if self._stands_at != (lease.episode, before.first_step):
-            self._stands_at = None  # until all goes well
-            self._player.begin(level, before.actions, before.first_step)
+        self._player.begin(level, before.actions, before.first_step)
         return before.states.copy()
 
     def _on_step(self) -> None:

@@ -14,7 +14,7 @@ class OpenEpisode:
 
     steps: int = 0
     decisions: int = 0
-    normalised_return: float = 0.0
+    reward: float = 0.0  # of all trains; their rewards are whole numbers, so that no sum rounds
     acting_s: float = 0.0
     waited_s: float = 0.0
     weights_version: int = 0  # that the first fragment acted with
@@ -25,7 +25,7 @@ class OpenEpisode:
         """Count in the next fragment."""
         self.steps += len(fragment.rewards)
         self.decisions += len(fragment.actions)
-        self.normalised_return += fragment.normalised_return
+        self.reward += float(fragment.rewards.sum(dtype=np.float64))
         self.acting_s += fragment.acting_s
         self.waited_s += fragment.waited_s
         if fragment.fragment == 0:

@@ -325,7 +325,7 @@ class Learner:
             episode=episode.episode,
             level=episode.level,
             seed=episode.level_seed,
-            normalised_return=self._open.normalised_return,
+            normalised_return=self._open.reward / (len(episode.arrived_at) * episode.max_steps),
             arrived=int((episode.arrived_at >= 0).sum()),
             trains=len(episode.arrived_at),
             steps=self._open.steps,
