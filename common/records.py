@@ -161,11 +161,6 @@ class Episode(Record):
         return self.over and self.first_step == 0
 
     @property
-    def normalised_return(self) -> float:
-        """Sum of the rewards / (trains * max steps): of an episode -1 is the worst, about -0.06 the best there is."""
-        return float(self.rewards.sum(dtype=np.float64)) / (self.rewards.shape[1] * self.max_steps)
-
-    @property
     def digest(self) -> str:
         """Hash of everything but the circumstances: who acted and how long it took."""
         state = hashlib.blake2b(digest_size=16)

@@ -58,11 +58,6 @@ def complaint(make):
     return ".".join(str(part) for part in problem["loc"]), problem["msg"]
 
 
-def test_the_normalised_return_is_the_sum_per_train_and_step():
-    assert episode().normalised_return == -5 / (2 * 3)
-    assert episode(max_steps=10).normalised_return == -5 / (2 * 10)
-
-
 def test_an_episode_without_decisions_is_an_episode():
     empty = {name: np.zeros(0, np.int32) for name in ("times", "trains")}
     empty |= {name: np.zeros(0, np.float32) for name in ("log_probabilities", "values")}

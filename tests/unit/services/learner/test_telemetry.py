@@ -1,0 +1,76 @@
+"""Metric rows: sums and means over the fragments of an episode, forgotten where a snapshot goes on before them."""
+
+import json
+from pathlib import Path
+
+import pytest
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from common.folder import RunFolder
+from common.process import Fatal
+from services.learner.telemetry import Telemetry
+
+
+def told(telemetry, episode, *fragments):
+    for fragment in fragments:
+        with telemetry.learning():
+            pass
+        with telemetry.publishing():
+            pass
+        telemetry.note(fragment)
+    telemetry.end_episode(episode, acting_s=0.5, waited_s=0.25)
+
+
+def rows(folder):
+    return [json.loads(line) for line in folder.metrics_file.read_text().splitlines()]
+
+
+def test_counts_are_summed_and_all_else_is_averaged_over_the_fragments_that_tell_it(tmp_path):
+    folder = RunFolder(tmp_path)
+    telemetry = Telemetry(folder, 0)
+    told(telemetry, 0, {"updates": 1.0, "loss": 2.0}, {"updates": 0.0}, {"updates": 3.0, "loss": 4.0})
+    told(telemetry, 1, {"updates": 0.0})
+    telemetry.close()
+    first, second = rows(folder)
+    assert first["episode"] == 0
+    metrics = first["metrics"]
+    assert (metrics["updates"], metrics["loss"], metrics["fragments"]) == (4.0, 3.0, 3.0)
+    assert (metrics["acting_s"], metrics["actor_waited_s"]) == (0.5, 0.25)
+    assert min(metrics["learning_s"], metrics["publishing_s"], metrics["learner_waited_s"]) >= 0
+    assert "loss" not in second["metrics"]
+    assert second["metrics"]["fragments"] == 1.0
+
+
+def test_what_is_trained_again_is_told_again_and_only_once(tmp_path):
+    folder = RunFolder(tmp_path)
+    before = Telemetry(folder, 0)
+    for episode in range(5):
+        told(before, episode, {"loss": float(episode)})
+    before.close()
+    after = Telemetry(folder, 3)
+    told(after, 3, {"loss": 33.0})
+    after.close()
+    assert [(row["episode"], row["metrics"]["loss"]) for row in rows(folder)] == [
+        (0, 0.0),
+        (1, 1.0),
+        (2, 2.0),
+        (3, 33.0),
+    ]
+
+
+def test_a_damaged_file_is_fatal_and_named(tmp_path):
+    folder = RunFolder(tmp_path)
+    folder.metrics_file.write_text("nonsense\n")
+    with pytest.raises(Fatal, match=r"metrics\.jsonl line 1"):
+        Telemetry(folder, 0)
+
+
+def test_event_files_hold_the_metrics_for_tensorboard(tmp_path):
+    folder = RunFolder(tmp_path)
+    telemetry = Telemetry(folder, 0)
+    for episode in range(3):
+        told(telemetry, episode, {"loss": episode / 2})
+    telemetry.close()
+    assert [path.name.startswith("events.out.tfevents") for path in Path(folder.tensorboard).iterdir()] == [True]
+    events = EventAccumulator(str(folder.tensorboard)).Reload()
+    assert [(event.step, event.value) for event in events.Scalars("loss")] == [(0, 0.0), (1, 0.5), (2, 1.0)]
