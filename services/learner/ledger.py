@@ -24,8 +24,9 @@ class Ledger:
         self.version = version  # of the weights: how many fragments were ever trained
         self._leases: dict[Unit, str] = {}  # to the incarnation of an actor
         self._received: dict[Unit, Episode] = {}
+        self._brought_by: dict[Unit, str | None] = {}
         self._alive: set[str] = set()
-        self._holder: str | None = None  # the actor whose world stands where the open episode goes on
+        self._holder: str | None = None  # the actor whose world probably stands where the open episode goes on
         self.duplicates = 0
         self.reissued = 0
 
@@ -93,9 +94,7 @@ class Ledger:
         if not self._is_to_come(unit) or unit in self._received:
             self.duplicates += 1
             return False
-        holder = self._leases.pop(unit, None)
-        if unit == (self.trained, self.fragment):
-            self._holder = holder
+        self._brought_by[unit] = self._leases.pop(unit, None)
         self._received[unit] = episode
         return True
 
@@ -105,11 +104,13 @@ class Ledger:
 
     def discard(self) -> None:
         """What `next_ready` named is not as it must be: it waits again."""
-        del self._received[self.trained, self.fragment]
+        unit = (self.trained, self.fragment)
+        del self._received[unit], self._brought_by[unit]
 
     def mark_trained(self) -> None:
         """What `next_ready` named is trained."""
-        episode = self._received.pop((self.trained, self.fragment))
+        unit = (self.trained, self.fragment)
+        episode, self._holder = self._received.pop(unit), self._brought_by.pop(unit)
         self.version += 1
         if episode.over:
             self.trained += 1

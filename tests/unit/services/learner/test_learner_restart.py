@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from common import checkpoint
 from common.config import parse_config
 from common.folder import RunFolder
 from common.rail.normalise import N_FEATURES
@@ -82,18 +83,23 @@ class Cluster:
             self.learner._train_if_right(episode)
         self.learner._answer_parked()
 
+    def question(self, incarnation, kept=()):
+        units = np.array(kept, np.int64).reshape(-1, 2)
+        request = LeaseRequest(actor=incarnation, incarnation=incarnation, serves="any", kept=units)
+        return self.ask(keys.LEASE, request).answered
+
     def lease(self, incarnation):
-        request = LeaseRequest(
-            actor=incarnation, incarnation=incarnation, serves="any", kept=np.zeros((0, 2), np.int64)
-        )
-        answer = self.ask(keys.LEASE, request).answered
+        answer = self.question(incarnation)
         return None if answer is None else answer.lease
 
     def weights(self, version):
         return self.ask(keys.PULL_WEIGHTS, WeightsRequest(version=version)).answered
 
     def act(self, lease: Lease):
-        self.wire.on_episode(acted(lease))
+        self.bring(acted(lease))
+
+    def bring(self, episode):
+        self.wire.on_episode(episode)
         self.turn()
 
 
@@ -125,7 +131,27 @@ def acted(lease):
     )
 
 
-def config(lag):
+def fragment(lease, number_of_them=3):
+    """A fragment of an episode of one train that decides on every step and arrives on the last."""
+    over, steps = lease.fragment == number_of_them - 1, lease.steps
+    changes = {
+        "fragment": lease.fragment,
+        "first_step": lease.first_step,
+        "over": over,
+        "max_steps": 100,
+        "observations": np.full((steps, N_FEATURES), lease.weights_version / 100, np.float32),
+        "times": np.arange(lease.first_step, lease.first_step + steps, dtype=np.int32),
+        "trains": np.zeros(steps, np.int32),
+        "actions": np.full(steps, lease.fragment, np.int8),
+        "log_probabilities": np.zeros(steps, np.float32),
+        "values": np.zeros(steps, np.float32),
+        "rewards": np.full((steps, 1), -1, np.float32),
+        "arrived_at": np.array([lease.first_step + steps - 1 if over else -1], np.int32),
+    }
+    return Episode.model_validate(dict(acted(lease)) | changes)
+
+
+def config(lag, **changes):
     return parse_config(
         {
             "algorithm": "dddqn",
@@ -138,6 +164,7 @@ def config(lag):
             "rule": "dqn",
             "cluster": {"actors": {"easy": 1}},
         }
+        | changes
     )
 
 
@@ -175,3 +202,95 @@ def test_a_checkpoint_is_listed_as_soon_as_it_is_written(tmp_path):
     cluster.learner._save_checkpoint()
     cluster.learner.close()
     assert cluster.ask(keys.LIST_CHECKPOINTS, Empty()).answered.episodes == [0]
+
+
+def test_fragments_act_with_the_weights_after_the_one_before_and_end_where_updates_fall_due(tmp_path):
+    cluster = Cluster(RunFolder(tmp_path), config(0, fragment_steps=4))
+    cluster.come("one")
+    seen = []
+    for _ in range(7):
+        lease = cluster.lease("one")
+        seen.append((lease.episode, lease.fragment, lease.first_step, lease.steps, lease.weights_version))
+        steps = 3 if lease.fragment == 2 else lease.steps  # an episode may be over before its lease is
+        cluster.bring(fragment(lease.model_copy(update={"steps": steps})))
+    cluster.learner.close()
+    assert seen == [
+        (0, 0, 0, 4, 0),
+        (0, 1, 4, 4, 1),
+        (0, 2, 8, 4, 2),
+        (1, 0, 0, 1, 3),  # 11 steps are over: after the next one an update falls due
+        (1, 1, 1, 4, 4),
+        (1, 2, 5, 4, 5),
+        (2, 0, 0, 1, 6),
+    ]
+    rows = cluster.learner._archive.rows
+    assert [(row.steps, row.decisions, row.weights_version) for row in rows] == [(11, 11, 0), (8, 8, 3)]
+
+
+def test_an_open_episode_comes_again_after_a_restart_kept_or_acted_anew_and_ends_in_the_same_weights(tmp_path):
+    folder = RunFolder(tmp_path)
+    before = Cluster(folder, config(0, fragment_steps=4))
+    before.come("one")
+    brought = []
+    for _ in range(8):
+        brought.append(fragment(before.lease("one")))
+        before.bring(brought[-1])
+        if len(brought) == 3:
+            before.learner._save_snapshot()
+    weights = before.weights(8)
+    progressed = before.lease("one").progressed
+    before.learner.close()
+
+    after = Cluster(folder, config(0, fragment_steps=4))
+    after.come("one", "two")
+    kept = [(episode.episode, episode.fragment) for episode in brought if episode.fragment > 0]  # the rest died
+    answer = after.question("one", kept)
+    assert answer.missing.tolist() == [[1, 1], [1, 2], [2, 1]]
+    assert answer.safe_before == 1
+    for episode in brought[3:]:
+        if episode.fragment > 0:
+            after.bring(episode)
+    for expected in ((1, 0), (2, 0)):
+        lease = after.lease("two")
+        assert (lease.episode, lease.fragment) == expected
+        after.bring(fragment(lease))
+    again = after.weights(8)
+    for name, tensor in weights.tensors.items():
+        assert again.tensors[name].tobytes() == tensor.tobytes()
+    lease = after.lease("one")
+    assert (lease.episode, lease.fragment, lease.first_step) == (2, 2, progressed.first_step)
+    assert lease.progressed.actions.tobytes() == progressed.actions.tobytes()
+    after.learner.close()
+
+
+@pytest.mark.parametrize("field", ["weights_version", "first_step", "steps"])
+def test_a_fragment_that_is_not_what_was_leased_is_refused_and_leased_anew(tmp_path, field):
+    cluster = Cluster(RunFolder(tmp_path), config(0, fragment_steps=4))
+    cluster.come("one")
+    cluster.bring(fragment(cluster.lease("one")))
+    lease = cluster.lease("one")
+    changes = {
+        "weights_version": {"weights_version": 0},
+        "first_step": {"progressed": lease.progressed.model_copy(update={"first_step": 5})},
+        "steps": {"steps": 3},
+    }
+    cluster.bring(fragment(lease.model_copy(update=changes[field])))
+    assert (cluster.learner._rejected, cluster.learner._ledger.version) == (1, 1)
+    assert cluster.lease("one").fragment == 1
+    cluster.learner.close()
+
+
+def test_a_checkpoint_asked_for_in_an_episode_is_of_the_last_whole_one(tmp_path):
+    cluster = Cluster(RunFolder(tmp_path), config(0, fragment_steps=4))
+    cluster.come("one")
+    settled = None
+    for _ in range(5):
+        cluster.bring(fragment(cluster.lease("one")))
+        settled = cluster.weights(3) or settled
+    assert cluster.learner._ledger.fragment == 2
+    newest = cluster.weights(5)
+    cluster.learner._save_checkpoint()
+    cluster.learner.close()
+    tensors, _ = checkpoint.load(tmp_path / "checkpoints" / "00000001.safetensors", "checkpoint")
+    assert all(tensors[name].tobytes() == tensor.tobytes() for name, tensor in settled.tensors.items())
+    assert any(tensors[name].tobytes() != tensor.tobytes() for name, tensor in newest.tensors.items())

@@ -1,4 +1,4 @@
-"""An episode put together from its fragments is the same however it was cut, but for the digest, which is of the cut."""
+"""An episode put together from its fragments is the same however it was cut, but for its digest."""
 
 import numpy as np
 from hypothesis import given, settings
