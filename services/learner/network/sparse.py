@@ -53,21 +53,31 @@ def find(x: _Bits, starts: _Ints, columns: _Ints, values: _Bits) -> None:
     """Fill a `SparseRows` from the bits of x [R, F].
 
     Eight numbers at a time are looked at, and passed by if all are zeros. Otherwise each is written where the next one
-    belongs, so that nothing hangs on how they are mixed.
+    belongs, so that nothing hangs on how they are mixed. Indices are unsigned because compiled code would test signed
+    ones for being negative.
     """
-    count, n_columns = 0, x.shape[1]
+    count, whole = 0, x.shape[1] // 8 * 8
     for row in range(len(x)):
         starts[row] = count
-        for first in range(0, n_columns, 8):
-            block = x[row, first : first + 8]
+        numbers = x[row]
+        for first in range(0, whole, 8):
             something = np.uint32(0)
-            for k in range(len(block)):
-                something |= block[k]
+            for k in range(8):
+                something |= numbers[np.uint64(first + k)]
             if something & WITHOUT_SIGN:
-                for k in range(len(block)):
-                    columns[count], values[count] = first + k, block[k]
-                    count += (block[k] & WITHOUT_SIGN) != 0
+                for k in range(8):
+                    count += note(numbers, first + k, count, columns, values)
+        for column in range(whole, len(numbers)):
+            count += note(numbers, column, count, columns, values)
     starts[len(x)] = count
+
+
+@bare_kernel
+def note(numbers: _Bits, column: int, place: int, columns: _Ints, values: _Bits) -> bool:
+    """Write a number of a row to a place; returns whether it is not zero, so that the next one goes behind it."""
+    number = numbers[np.uint64(column)]
+    columns[place], values[place] = column, number
+    return bool(number & WITHOUT_SIGN)
 
 
 @bare_kernel
