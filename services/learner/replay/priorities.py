@@ -54,11 +54,10 @@ class Priorities:
         priorities = np.require(priorities, np.float64, ("C", "A", "W"))
         if priorities.shape != places.shape:
             raise ValueError(f"{len(places)} items need as many priorities, got {priorities.shape}")
-        largest = check(places, priorities, len(self._leaves))
+        largest = update(self._tree, places, priorities, len(self._leaves), self._alpha)
         if largest < 0:
             raise ValueError("a priority must be finite and at least 0, its place one of the replay")
         self._maximum = max(self._maximum, largest)
-        update(self._tree, places, priorities, ADDED_TO_PRIORITY, self._alpha)
 
     def draw(self, rng: np.random.Generator, beta: float, weights: NDArray[np.float32]) -> NDArray[np.int64]:
         """The places [B] of as many items as `weights` [B] is long, which gets their importance weights.
@@ -85,28 +84,29 @@ class Priorities:
 
 
 @bare_kernel
-def check(places: NDArray[np.int64], priorities: NDArray[np.float64], capacity: int) -> float:
-    """The largest priority (0 for none), or -1 if there is one that cannot be."""
+def update(
+    tree: NDArray[np.float64], places: NDArray[np.int64], priorities: NDArray[np.float64], capacity: int, alpha: float
+) -> float:
+    """Set leaves, in their order, then all sums above them, level by level: so the processor does many at a time.
+
+    Returns:
+        The largest priority (0 for none), or -1 if there is one that cannot be; then nothing has changed.
+    """
     largest = 0.0
     for item in range(len(places)):
         if not (0 <= places[item] < capacity and 0 <= priorities[item] < np.inf):
             return -1.0
         largest = max(largest, priorities[item])
-    return largest
-
-
-@bare_kernel
-def update(
-    tree: NDArray[np.float64], places: NDArray[np.int64], priorities: NDArray[np.float64], little: float, alpha: float
-) -> None:
-    """Set leaves, and all sums above them."""
     leaves = len(tree) // 2
     for item in range(len(places)):
-        node = leaves + places[item]
-        tree[node] = (priorities[item] + little) ** alpha
-        while node > 1:
-            node //= 2
+        tree[leaves + places[item]] = (priorities[item] + ADDED_TO_PRIORITY) ** alpha
+    parents, level = leaves // 2, 1
+    while parents > 0:
+        for place in places:
+            node = parents + (place >> level)
             tree[node] = tree[2 * node] + tree[2 * node + 1]
+        parents, level = parents // 2, level + 1
+    return largest
 
 
 @bare_kernel
@@ -119,19 +119,24 @@ def find(
 ) -> None:
     """Where the sum of all leaves before passes (i + draws[i]) / B of the total, and the weights found there.
 
-    A draw that rounding carries past the last leaf ends on the last one that is not zero.
+    All draws go down the tree together, level by level, as in `update`; `draws` is overwritten. A draw that rounding
+    carries past the last leaf ends on the last one that is not zero.
     """
     leaves, size = len(tree) // 2, len(draws)
+    for item in range(size):
+        draws[item] = (item + draws[item]) / size * tree[1]
+        places[item] = 1
+    level = 1
+    while level < leaves:
+        for item in range(size):
+            node = 2 * places[item]
+            goes_right = (draws[item] >= tree[node]) & (tree[node + 1] > 0)
+            draws[item] -= tree[node] * goes_right
+            places[item] = node + goes_right
+        level *= 2
     least = np.inf
+    for place in places:
+        least = min(least, tree[place])
     for item in range(size):
-        left_over = (item + draws[item]) / size * tree[1]
-        node = 1
-        while node < leaves:
-            node *= 2
-            if left_over >= tree[node] and tree[node + 1] > 0:
-                left_over -= tree[node]
-                node += 1
-        places[item] = node - leaves
-        least = min(least, tree[node])
-    for item in range(size):
-        weights[item] = (least / tree[leaves + places[item]]) ** beta
+        weights[item] = (least / tree[places[item]]) ** beta
+        places[item] -= leaves

@@ -16,9 +16,11 @@ from torch import Tensor
 from common.config import ReplayConfig
 from common.kernel import bare_kernel
 from services.learner.replay.priorities import Priorities
-from services.learner.replay.rows import PARTS, RowRing
+from services.learner.replay.rows import RowRing
 
 BACK = "back"  # the column that `histories` follows
+ROWS = "rows"  # of a state
+PRIORITIES = ("priorities", "priority_maximum")
 
 
 class Sample(NamedTuple):
@@ -41,16 +43,20 @@ class Replay:
     def __init__(
         self, config: ReplayConfig, columns: Mapping[str, DTypeLike], rows: Sequence[str], n_features: int
     ) -> None:
-        """Items have a number for each of `columns`, of these dtypes, and `n_features` for each of `rows`."""
+        """Items have a number for each of `columns`, of these dtypes, and `n_features` for each of `rows`.
+
+        There is at least one of both.
+        """
         self._capacity = config.capacity
         self._n_features = n_features
         # Not zeros: the kernel gives pages to this memory only as the ring fills.
         self._columns: dict[str, NDArray[Any]] = {name: np.empty(config.capacity, columns[name]) for name in columns}
-        self._rows = {name: RowRing(config.capacity, n_features) for name in rows}
+        self._row_names = tuple(rows)
+        self._rows = RowRing(config.capacity, len(rows), n_features)
         prioritized = config.kind == "prioritized"
         self._priorities = Priorities(config.capacity, config.alpha) if prioritized else None
         self._added = 0  # ever, or as many as would have left the ring as it is
-        self._sample = self._empty_sample(0)
+        self._make_sample(0)
         self._histories = torch.empty(0, 0, n_features)
 
     def __len__(self) -> int:
@@ -59,8 +65,8 @@ class Replay:
     @property
     def nbytes(self) -> int:
         """Bytes of all that is kept, and of the room for more."""
-        parts = [*self._columns.values(), *self._rows.values(), *([self._priorities] if self._priorities else [])]
-        return sum(part.nbytes for part in parts)
+        columns = sum(column.nbytes for column in self._columns.values())
+        return columns + self._rows.nbytes + (self._priorities.nbytes if self._priorities else 0)
 
     def add(self, items: Mapping[str, NDArray[Any]], priorities: NDArray[np.float64] | None = None) -> None:
         """Append M items, oldest first; without `priorities` they get the largest that there has been, 1 at first.
@@ -68,20 +74,20 @@ class Replay:
         Raises:
             ValueError: the arrays do not fit.
         """
-        if set(items) != {*self._columns, *self._rows}:
-            raise ValueError(f"items need {sorted({*self._columns, *self._rows})}, got {sorted(items)}")
+        if set(items) != {*self._columns, *self._row_names}:
+            raise ValueError(f"items need {sorted({*self._columns, *self._row_names})}, got {sorted(items)}")
         count = len(next(iter(items.values())))
         if any(len(array) != count for array in items.values()):
             raise ValueError(f"items differ in number: { ({name: len(items[name]) for name in items}) }")
         kept = slice(max(0, count - self._capacity), count)  # those before would be overwritten at once
         first = self._added + kept.start
-        for name, ring in self._rows.items():
-            ring.add(items[name][kept], first)
         places = np.arange(first, self._added + count) % self._capacity
-        for name, column in self._columns.items():
-            column[places] = items[name][kept]
         if self._priorities:
             self._priorities.put(places, None if priorities is None else priorities[kept])
+        since = first if kept.start else 0
+        self._rows.add(tuple(_bits(items[name][kept]) for name in self._row_names), first, since)
+        for name, column in self._columns.items():
+            column[places] = items[name][kept]
         self._added += count
 
     def sample(self, size: int, rng: np.random.Generator, beta: float = 1.0) -> Sample:
@@ -93,17 +99,15 @@ class Replay:
         if self._added == 0:
             raise ValueError("cannot sample from an empty replay: add something first")
         if len(self._sample.places) != size:
-            self._sample = self._empty_sample(size)
-        columns, weights, _ = self._sample
+            self._make_sample(size)
         if self._priorities:
-            places = self._priorities.draw(rng, beta, weights.numpy())
+            places = self._priorities.draw(rng, beta, self._weights_out)
         else:
             places = rng.integers(len(self), size=size)
         for name, column in self._columns.items():
-            columns[name].numpy()[:] = column[places]  # the tensor's own memory
-        for name, ring in self._rows.items():
-            ring.gather(places, columns[name].numpy().view(np.uint32))
-        return self._sample._replace(places=places)
+            self._columns_out[name][:] = column[places]
+        self._rows.gather(places, self._rows_out)
+        return Sample(self._sample.columns, self._sample.weights, places)
 
     def reprioritise(self, places: NDArray[np.int64], priorities: NDArray[np.float64]) -> None:
         """Give the items at `places` [B] new priorities, at least 0; the last counts if there are several for one.
@@ -127,8 +131,7 @@ class Replay:
             self._histories = torch.empty(length, len(places), self._n_features)
         chain = np.empty((length, len(places)), np.int64)
         follow(self._columns[BACK], self._oldest, self._capacity, places, chain)
-        rows = self._histories.numpy().view(np.uint32).reshape(-1, self._n_features)
-        next(iter(self._rows.values())).gather(chain.reshape(-1), rows)
+        self._rows.gather(chain.reshape(-1), (_bits(self._histories.numpy()).reshape(-1, self._n_features),))
         return self._histories
 
     def telling(self) -> dict[str, float]:
@@ -143,8 +146,7 @@ class Replay:
         """A copy of all that the ring holds, in the order of its places, and its cursor."""
         size = len(self)
         state = {name: column[:size].copy() for name, column in self._columns.items()}
-        for name, ring in self._rows.items():
-            state |= {f"{name}/{part}": array for part, array in ring.state(size).items()}
+        state[ROWS] = self._rows.state(size)
         if self._priorities:
             state |= self._priorities.state(size)
         return {**state, "cursor": np.array(self._added % self._capacity, np.int64)}
@@ -156,17 +158,16 @@ class Replay:
             ValueError: naming the tensor that is missing, unknown, of another dtype or shape, or out of range; then
                 nothing has changed.
         """
-        known = {*self._columns, *(f"{name}/{part}" for name in self._rows for part in PARTS), "cursor"}
-        known |= {"priorities", "priority_maximum"} if self._priorities else set()
+        known = {*self._columns, ROWS, "cursor", *(PRIORITIES if self._priorities else ())}
         if different := sorted(set(state) ^ known):
             raise ValueError(f"replay: tensor {different[0]} is {'unknown' if different[0] in state else 'missing'}")
         size, cursor = self._checked_size(state), int(state["cursor"])
-        rows = {name: self._checked_rows(name, state, size) for name in self._rows}
+        words = state[ROWS].copy()
+        ends = self._rows.located(words, size)
         for name, column in self._columns.items():
             column[:size] = state[name]
         self._added = size if size < self._capacity else self._capacity + cursor
-        for name, ring in self._rows.items():
-            ring.restore(rows[name], self._oldest)
+        self._rows.restore(words, ends, self._oldest)
         if self._priorities:
             self._priorities.restore(state["priorities"], float(state["priority_maximum"]))
 
@@ -183,31 +184,37 @@ class Replay:
             raise ValueError(f"replay: {name} holds {size} items, the capacity is {self._capacity}")
         if not (cursor == size % self._capacity if size < self._capacity else 0 <= cursor < size):
             raise ValueError(f"replay: cursor {cursor} does not fit {size} items")
+        wanted: dict[str, tuple[np.dtype[Any], tuple[int, ...]]]
         wanted = {name: (column.dtype, (size,)) for name, column in self._columns.items()}
+        wanted[ROWS] = (np.dtype(np.uint32), state[ROWS].shape[:1])
         if self._priorities:
             wanted |= {"priorities": (np.dtype(np.float64), (size,)), "priority_maximum": (np.dtype(np.float64), ())}
         for name, (dtype, shape) in wanted.items():
             got = state[name]
             if got.dtype != dtype or got.shape != shape:
                 raise ValueError(f"replay: {name} is {got.dtype}{got.shape}, not {dtype}{shape}")
-        for name in ("priorities", "priority_maximum") if self._priorities else ():
+        for name in PRIORITIES if self._priorities else ():
             if not (np.isfinite(state[name]) & (state[name] > 0)).all():
                 raise ValueError(f"replay: {name} is not above 0 and finite")
         return size
 
-    def _checked_rows(self, name: str, state: Mapping[str, NDArray[Any]], size: int) -> dict[str, NDArray[Any]]:
-        try:
-            return self._rows[name].checked({part: state[f"{name}/{part}"] for part in PARTS}, size)
-        except ValueError as error:
-            raise ValueError(f"replay: {name}/{error}") from None
-
-    def _empty_sample(self, size: int) -> Sample:
+    def _make_sample(self, size: int) -> None:
+        """What samples of this size are given out in, and the memory of these tensors."""
         columns = {
             name: torch.zeros(size, dtype=torch.float32 if column.dtype.kind == "f" else torch.int64)
             for name, column in self._columns.items()
         }
-        columns |= {name: torch.zeros(size, self._n_features) for name in self._rows}
-        return Sample(columns, torch.ones(size), np.zeros(size, np.int64))
+        self._columns_out = {name: tensor.numpy() for name, tensor in columns.items()}
+        columns |= {name: torch.zeros(size, self._n_features) for name in self._row_names}
+        self._rows_out = tuple(columns[name].numpy().view(np.uint32) for name in self._row_names)
+        weights = torch.ones(size)
+        self._weights_out: NDArray[np.float32] = weights.numpy()
+        self._sample = Sample(columns, weights, np.zeros(size, np.int64))
+
+
+def _bits(rows: NDArray[np.float32]) -> NDArray[np.uint32]:
+    """The bits of rows, in memory that compiled code can take."""
+    return np.require(rows, np.float32, ("C", "A", "W")).view(np.uint32)
 
 
 @bare_kernel

@@ -1,175 +1,222 @@
+# ruff: noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
 """Rows of numbers, most of them zero, in a ring: only what is not zero is kept, bit for bit.
 
-Four fifths of an observation are padding, which is normalised to +0.0. A row is its other values and where they stand,
-in an arena that is itself a ring, since rows leave in the order in which they came; it grows when they do not fit. Any
-row is kept exactly: -0.0 and NaN are values like others, and a row without a zero only takes more room.
+Nine tenths of an observation are +0.0, padding above all. A row is kept as the number n of its other values, these, and
+where they stand, in an arena of 32-bit words that is itself a ring, since items leave in the order in which they came;
+it grows when they do not fit. Any row is kept exactly: -0.0 and NaN are values like others, and a row without a zero
+only takes more room.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import bare_kernel
+from services.learner.replay.prefetch import prefetch
 
-PARTS = ("lengths", "positions", "values")  # of a state
+WORDS_PER_LINE = 16  # of the cache
+LINES = 4  # that two rows of an observation lie in
+
+Words = NDArray[np.uint32]
+Rows = tuple[Words, ...]  # [B, F] each: the bits of float32
 
 
 class RowRing:
-    """At most `capacity` rows [F] of float32. Rows are numbered as they come; row i lies at place i % capacity."""
+    """At most `capacity` items of `n_rows` rows [F]. Items are numbered as they come; i lies at place i % capacity."""
 
-    def __init__(self, capacity: int, n_features: int) -> None:
+    def __init__(self, capacity: int, n_rows: int, n_features: int) -> None:
         self._capacity = capacity
+        self._n_rows = n_rows
         self._n_features = n_features
-        self._narrow = np.min_scalar_type(n_features)  # uint8 for the study's 252
-        self._starts = np.empty(capacity, np.int64)  # in the arena
-        self._lengths = np.empty(capacity, self._narrow)
-        self._arena = self._new_arena(0)
+        self._position: np.dtype[Any] = np.min_scalar_type(n_features)  # uint8 for the study's 252
+        self._largest = n_rows * int(room(n_features, self._position.itemsize))  # words of an item without a zero
+        self._starts = np.empty(capacity, np.int64)  # where in the arena an item starts
+        self._ends = np.empty(capacity, np.int64)  # and what follows it
+        self._words = np.empty(0, np.uint32)
 
     @property
     def nbytes(self) -> int:
         """Bytes of all arrays."""
-        return sum(array.nbytes for array in (self._starts, self._lengths, *self._arena))
+        return self._starts.nbytes + self._ends.nbytes + self._words.nbytes
 
-    def add(self, rows: NDArray[np.float32], first: int) -> None:
-        """Add rows [M, F], M at most the capacity, the first of them being the `first`-th ever."""
-        if rows.ndim != 2 or rows.shape[1] != self._n_features:
-            raise ValueError(f"rows of {self._n_features} values are kept here, not an array {rows.shape}")
-        bits = np.require(rows, np.float32, ("C", "A", "W")).view(np.uint32)
+    def add(self, rows: Rows, first: int, since: int = 0) -> None:
+        """Add M items, at most the capacity, numbered from `first` on; of those before, all below `since` are gone."""
+        if any(row.shape != (len(rows[0]), self._n_features) for row in rows):
+            raise ValueError(f"rows have {self._n_features} values here, not {[row.shape for row in rows]}")
         done = 0
         while True:
-            done += put(bits[done:], first + done, self._starts, self._lengths, *self._arena)
-            if done == len(bits):
+            done += put(rows, done, first + done, since, self._starts, self._ends, *self._arena)
+            if done == len(rows[0]):
                 return
-            self._grow(first + done)
+            self._grow(first + done, since)
 
-    def gather(self, places: NDArray[np.int64], out: NDArray[np.uint32]) -> None:
-        """Write the rows at `places` [B] into `out` [B, F], the bits of float32; a place -1 gives a row of zeros."""
-        expand(places, self._starts, self._lengths, *self._arena, out)
+    def gather(self, places: NDArray[np.int64], out: Rows) -> None:
+        """Write the first rows of the items at `places` [B] into as many `out`; place -1 gives zeros."""
+        expand(places, self._starts, *self._arena, out)
 
-    def state(self, size: int) -> dict[str, NDArray[Any]]:
-        """The rows at places 0..size-1 without the gaps between them: `PARTS`."""
-        lengths = self._lengths[:size].copy()
-        values, positions = self._new_arena(int(lengths.sum(dtype=np.int64)))
-        relay(np.arange(size), self._starts.copy(), lengths, *self._arena, values, positions)
-        return {"lengths": lengths, "positions": positions, "values": values}
+    def state(self, size: int) -> Words:
+        """The items at places 0..size-1, one behind the other."""
+        starts, ends = self._starts[:size].copy(), self._ends[:size].copy()
+        words = np.empty(int((ends - starts).sum()), np.uint32)
+        relay(np.arange(size), starts, ends, self._words, words)
+        return words
 
-    def checked(self, state: Mapping[str, NDArray[Any]], size: int) -> dict[str, NDArray[Any]]:
-        """A copy of a `state` of `size` rows.
+    def located(self, words: Words, size: int) -> NDArray[np.int64]:
+        """Where the `size` items of a `state` end, one behind the other.
 
         Raises:
-            ValueError: naming the part that does not fit.
+            ValueError: they are not so many items of such rows.
         """
-        wanted = size
-        for part in PARTS:
-            dtype, got = np.dtype(np.uint32) if part == "values" else self._narrow, state[part]
-            if got.dtype != dtype or got.shape != (wanted,):
-                raise ValueError(f"{part} is {got.dtype}{got.shape}, not {dtype}({wanted},)")
-            if part == "lengths":
-                wanted = int(got.sum(dtype=np.int64))
-        if (state["lengths"] > self._n_features).any():
-            raise ValueError(f"lengths has a row of more than {self._n_features} values")
-        if (state["positions"] >= self._n_features).any():
-            raise ValueError(f"positions has one beyond {self._n_features} features")
-        return {part: state[part].copy() for part in PARTS}
+        ends = np.empty(size, np.int64)
+        if not locate(words, words.view(self._position), self._n_rows, self._n_features, ends):
+            raise ValueError(
+                f"replay: rows: {len(words)} words are not {size} times {self._n_rows} rows of {self._n_features}"
+            )
+        return ends
 
-    def restore(self, state: Mapping[str, NDArray[Any]], oldest: int) -> None:
-        """Take on a `checked` state, whose rows are the newest ever; the oldest is at place `oldest`."""
-        size = len(state["lengths"])
-        self._lengths[:size] = state["lengths"]
-        self._starts[:size] = np.cumsum(state["lengths"], dtype=np.int64) - state["lengths"]
-        self._arena = self._new_arena(len(state["values"]))
-        order = (oldest + np.arange(size)) % max(size, 1)
-        relay(order, self._starts, self._lengths, state["values"], state["positions"], *self._arena)
+    def restore(self, words: Words, ends: NDArray[np.int64], oldest: int) -> None:
+        """Take on a `state` as the newest items ever; the oldest of them lies at place `oldest`."""
+        size = len(ends)
+        self._starts[:size] = np.concatenate(([0], ends))[:size]
+        self._ends[:size] = ends
+        self._words = np.empty_like(words)
+        relay((oldest + np.arange(size)) % max(size, 1), self._starts, self._ends, words, self._words)
 
-    def _grow(self, number: int) -> None:
-        """Make the arena larger before row `number` comes, so that this row fits."""
-        order = np.arange(max(0, number - self._capacity + 1), number) % self._capacity
-        live = int(self._lengths[order].sum(dtype=np.int64))
-        old, self._arena = self._arena, self._new_arena(live + live // 4 + self._n_features)
-        relay(order, self._starts, self._lengths, *old, *self._arena)
+    @property
+    def _arena(self) -> tuple[Words, NDArray[Any]]:
+        """The same memory twice: as words, and as positions."""
+        return self._words, self._words.view(self._position)
 
-    def _new_arena(self, size: int) -> tuple[NDArray[np.uint32], NDArray[Any]]:
-        """Values and their positions. Not zeros: the kernel gives pages to this memory only as it fills."""
-        return np.empty(size, np.uint32), np.empty(size, self._narrow)
+    def _grow(self, number: int, since: int) -> None:
+        """Make the arena larger before item `number` comes, so that it fits."""
+        order = np.arange(max(since, number - self._capacity + 1), number) % self._capacity
+        live = int((self._ends[order] - self._starts[order]).sum())
+        # Not zeros: the kernel gives pages to this memory only as it fills.
+        words = np.empty(live + live // 4 + self._largest + 1, np.uint32)
+        relay(order, self._starts, self._ends, self._words, words)
+        self._words = words
+
+
+@bare_kernel
+def room(length: int, width: int) -> int:
+    """Words of a row of so many values that are not zero, with positions of `width` bytes."""
+    return 1 + length + (length * width + 3) // 4
 
 
 @bare_kernel
 def put(
-    rows: NDArray[np.uint32],
+    rows: Rows,
+    begin: int,
     first: int,
+    since: int,
     starts: NDArray[np.int64],
-    lengths: NDArray[Any],
-    values: NDArray[np.uint32],
+    ends: NDArray[np.int64],
+    words: Words,
     positions: NDArray[Any],
 ) -> int:
-    """Add rows [M, F] until one does not fit; returns how many did.
+    """Add items from `begin` on until one does not fit; returns how many did.
 
-    The live rows lie from `head`, where the oldest starts, to `tail`, where the newest ends, perhaps around the end of
-    the arena, but never across it: a row that does not fit before the end starts at 0. The tail stops short of the
+    The live items lie from `head`, where the oldest starts, to `tail`, where the newest ends, perhaps around the end of
+    the arena, but never across it: an item that does not fit before the end starts at 0. The tail stops short of the
     head, so that the two meet only where nothing is kept.
     """
-    capacity, size = len(starts), len(values)
-    for row in range(len(rows)):
-        number = first + row
-        oldest = max(0, number - capacity + 1)  # who lies where this row goes has gone
+    capacity, size, width = len(ends), len(words), positions.itemsize
+    for item in range(begin, len(rows[0])):
+        number = first + item - begin
+        oldest = max(since, number - capacity + 1)  # who lies where this item goes has gone
         head = tail = 0
         if oldest < number:
-            head = starts[oldest % capacity]
-            newest = (number - 1) % capacity
-            tail = starts[newest] + np.int64(lengths[newest])
-        length = 0
-        for value in rows[row]:
-            length += value != 0
-        around = tail >= head and tail + length > size
+            head, tail = starts[oldest % capacity], ends[(number - 1) % capacity]
+        needed = 0
+        for row in rows:
+            length = 0
+            for value in row[item]:
+                length += value != 0
+            needed += room(length, width)
+        around = tail >= head and tail + needed > size
         start = 0 if around else tail
         limit = head if around or tail < head else size + 1
-        if start + length >= limit:
-            return row
-        place = number % capacity
-        starts[place], lengths[place] = start, length
-        for position in range(rows.shape[1]):
-            if rows[row, position] != 0:
-                values[start], positions[start] = rows[row, position], position
-                start += 1
-    return len(rows)
+        if start + needed >= limit:
+            return item - begin
+        starts[number % capacity] = start
+        for row in rows:
+            start = squeeze(row[item], start, words, positions)
+        ends[number % capacity] = start
+    return len(rows[0]) - begin
+
+
+@bare_kernel
+def squeeze(row: Words, start: int, words: Words, positions: NDArray[Any]) -> int:
+    """Write a row [F] from word `start` on; returns where it ends."""
+    end = start + 1
+    for value in row:
+        if value != 0:
+            words[end] = value
+            end += 1
+    length, per_word = end - start - 1, 4 // positions.itemsize
+    words[start] = length
+    after = start + room(length, positions.itemsize)
+    if after > end:
+        words[after - 1] = 0  # or what is left of the last word would be anything
+    cell = end * per_word
+    for position in range(len(row)):
+        if row[position] != 0:
+            positions[cell] = position
+            cell += 1
+    return after
 
 
 @bare_kernel
 def expand(
-    places: NDArray[np.int64],
-    starts: NDArray[np.int64],
-    lengths: NDArray[Any],
-    values: NDArray[np.uint32],
-    positions: NDArray[Any],
-    out: NDArray[np.uint32],
+    places: NDArray[np.int64], starts: NDArray[np.int64], words: Words, positions: NDArray[Any], out: Rows
 ) -> None:
-    """Write the rows at `places` [B] into `out` [B, F]; see `RowRing.gather`."""
-    for row in range(len(places)):
-        out[row, :] = 0
-        place = places[row]
-        if place >= 0:
-            start = starts[place]
-            for cell in range(start, start + np.int64(lengths[place])):
-                out[row, positions[cell]] = values[cell]
+    """Write the rows at `places` [B] into `out`, [B, F] each; see `RowRing.gather`."""
+    for place in places:
+        for line in range(LINES):
+            prefetch(words, starts[max(place, 0)] + line * WORDS_PER_LINE)  # all at once, before any is waited for
+    per_word = 4 // positions.itemsize
+    for item in range(len(places)):
+        start = starts[max(places[item], 0)]
+        for row in out:
+            row[item, :] = 0
+            if places[item] >= 0:
+                length = int(np.int64(words[start]))
+                cell = (start + 1 + length) * per_word
+                for value in range(length):
+                    row[item, positions[cell + value]] = words[start + 1 + value]
+                start += room(length, positions.itemsize)
 
 
 @bare_kernel
 def relay(
-    order: NDArray[np.int64],
-    starts: NDArray[np.int64],
-    lengths: NDArray[Any],
-    values: NDArray[np.uint32],
-    positions: NDArray[Any],
-    new_values: NDArray[np.uint32],
-    new_positions: NDArray[Any],
+    order: NDArray[np.int64], starts: NDArray[np.int64], ends: NDArray[np.int64], words: Words, new_words: Words
 ) -> None:
-    """Lay the rows at places `order` into a new arena, one behind the other; `starts` follows."""
+    """Lay the items at places `order` into a new arena, one behind the other; `starts` and `ends` follow."""
     end = 0
     for place in order:
-        start, length = starts[place], np.int64(lengths[place])
-        for cell in range(length):
-            new_values[end + cell], new_positions[end + cell] = values[start + cell], positions[start + cell]
-        starts[place] = end
+        start, length = starts[place], ends[place] - starts[place]
+        for word in range(length):
+            new_words[end + word] = words[start + word]
+        starts[place], ends[place] = end, end + length
         end += length
+
+
+@bare_kernel
+def locate(words: Words, positions: NDArray[Any], n_rows: int, n_features: int, ends: NDArray[np.int64]) -> bool:
+    """Fill `ends` with where each item ends; whether all words are used and every position exists."""
+    start, per_word = 0, 4 // positions.itemsize
+    for item in range(len(ends)):
+        for _ in range(n_rows):
+            if start >= len(words) or words[start] > n_features:
+                return False
+            length = int(np.int64(words[start]))
+            cell = (start + 1 + length) * per_word
+            start += room(length, positions.itemsize)
+            if start > len(words):
+                return False
+            for value in range(length):
+                if positions[cell + value] >= n_features:
+                    return False
+        ends[item] = start
+    return start == len(words)

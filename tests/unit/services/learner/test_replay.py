@@ -1,0 +1,258 @@
+"""The ring against a plain list, whatever is drawn from it."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.config import ReplayConfig
+from services.learner.replay.replay import Replay
+
+F = 3
+COLUMNS = {"action": np.int8, "reward": np.float32, "back": np.int64}
+ROWS = ("before", "after")
+KINDS = ("uniform", "prioritized")
+
+
+def make_replay(capacity, kind="uniform", **exponents):
+    return Replay(ReplayConfig(kind=kind, capacity=capacity, **exponents), COLUMNS, ROWS, F)
+
+
+def numbered(first, count):
+    """Items whose every column tells their number."""
+    number = np.arange(first, first + count)
+    return {
+        "action": (number % 5).astype(np.int8),
+        "reward": -number.astype(np.float32),
+        "back": number % 3,
+        "before": (np.repeat(number, F).reshape(count, F) * [1, 0, 2]).astype(np.float32),
+        "after": np.repeat(number + 0.5, F).reshape(count, F).astype(np.float32),
+    }
+
+
+def naive_add(ring, added, capacity, numbers):
+    """Put each number where the oldest lies; `added` counts all so far."""
+    for i, number in enumerate(numbers, start=added):
+        if len(ring) < capacity:
+            ring.append(number)
+        else:
+            ring[i % capacity] = number
+
+
+def through_state(replay, capacity, kind):
+    other = make_replay(capacity, kind)
+    other.add(numbered(500, 2 * capacity + 1))  # what was there before must not matter
+    other.restore(replay.state())
+    return other
+
+
+def same(states):
+    ours, theirs = states
+    assert list(ours) == list(theirs)
+    for name, array in ours.items():
+        assert array.tobytes() == theirs[name].tobytes(), name
+
+
+@settings(deadline=None)
+@given(
+    st.sampled_from(KINDS),
+    st.integers(1, 9),
+    st.lists(st.tuples(st.integers(0, 12), st.booleans()), max_size=12),
+    st.integers(0, 2**32),
+)
+def test_the_ring_is_a_list_whose_oldest_give_way(kind, capacity, additions, seed):
+    replay, ring, added = make_replay(capacity, kind), [], 0
+    for count, restored in additions:
+        replay.add(numbered(added, count))
+        naive_add(ring, added, capacity, range(added, added + count))
+        added += count
+        if restored:
+            replay = through_state(replay, capacity, kind)
+        assert len(replay) == len(ring)
+        assert (-replay.state()["reward"]).tolist() == ring
+        if ring:
+            sample = replay.sample(5, np.random.default_rng(seed))
+            expected = numbered(0, added)
+            for name, tensor in sample.columns.items():
+                np.testing.assert_array_equal(tensor.numpy(), expected[name][np.array(ring)[sample.places]])
+
+
+def test_uniform_places_are_the_generators_own():
+    replay = make_replay(10)
+    replay.add(numbered(0, 7))
+    sample = replay.sample(5, np.random.default_rng(3), beta=0.3)
+    assert sample.places.tolist() == np.random.default_rng(3).integers(7, size=5).tolist()
+    assert sample.weights.tolist() == [1] * 5
+    replay.reprioritise(sample.places, np.full(5, 9.0))
+    assert replay.sample(5, np.random.default_rng(3)).places.tolist() == sample.places.tolist()
+
+
+@settings(deadline=None)
+@given(
+    st.sampled_from(KINDS),
+    st.integers(1, 9),
+    st.lists(st.tuples(st.integers(0, 12), st.floats(0, 100)), min_size=2, max_size=9),
+    st.integers(1, 8),
+)
+def test_a_restored_replay_goes_on_with_the_same_bits(kind, capacity, steps, turn):
+    straight = make_replay(capacity, kind)
+    straight.add(numbered(0, 1))
+    restored = None
+    for i, (count, priority) in enumerate(steps):
+        if i == turn:
+            restored = through_state(straight, capacity, kind)
+        told = []
+        for replay in filter(None, (straight, restored)):
+            replay.add(numbered(100 * i, count), np.linspace(0, priority, count) if i % 2 else None)
+            sample = replay.sample(4, np.random.default_rng(i), beta=0.4)
+            told.append((sample.places.tolist(), sample.weights.tolist(), sample.columns["after"].tolist()))
+            replay.reprioritise(sample.places, np.array([priority, 0, 1, priority / 2]))
+        assert told[0] == told[-1]
+    if restored:
+        same((straight.state(), restored.state()))
+        assert straight.telling() == restored.telling()
+
+
+def test_a_sample_lies_in_torchs_memory_and_uses_it_again():
+    replay = make_replay(10, "prioritized")
+    replay.add(numbered(0, 10))
+    first = replay.sample(4, np.random.default_rng(1))
+    assert {name: tensor.dtype for name, tensor in first.columns.items()} == {
+        "action": torch.int64,
+        "reward": torch.float32,
+        "back": torch.int64,
+        "before": torch.float32,
+        "after": torch.float32,
+    }
+    assert first.columns["before"].shape == (4, F)
+    assert all(tensor.data_ptr() % 64 == 0 for tensor in [*first.columns.values(), first.weights])
+    second = replay.sample(4, np.random.default_rng(2))
+    assert all(second.columns[name] is tensor for name, tensor in first.columns.items())
+    assert second.places is not first.places
+    assert replay.sample(6, np.random.default_rng(2)).columns["reward"].shape == (6,)
+
+
+def test_sampling_is_uniform():
+    replay = make_replay(4)
+    replay.add(numbered(0, 6))
+    sample = replay.sample(8000, np.random.default_rng(1))
+    numbers, counts = np.unique(sample.columns["reward"].numpy(), return_counts=True)
+    assert sorted(-numbers) == [2, 3, 4, 5]
+    assert (abs(counts - 2000) < 200).all()  # five standard deviations
+
+
+def test_priorities_by_hand():
+    replay = make_replay(4, "prioritized", alpha=1.0)
+    replay.add(numbered(0, 2))  # at 1, the largest so far
+    replay.add(numbered(2, 1), np.array([6.0]))
+    assert replay.telling() == pytest.approx({"replay_fill": 0.75, "priority_mean": 8 / 3, "priority_max": 6})
+    sample = replay.sample(8, np.random.default_rng(1), beta=0.5)
+    assert sample.places.tolist() == [0, 1, 2, 2, 2, 2, 2, 2]
+    assert sample.weights.tolist() == pytest.approx([1, 1, *[6**-0.5] * 6])
+    replay.reprioritise(np.array([2, 0]), np.array([1.0, 2.0]))
+    replay.add(numbered(3, 2))  # at 6, the second of them in the place of the first item
+    assert replay.state()["priorities"].tolist() == pytest.approx([6, 1, 1, 6])
+    assert make_replay(4).telling() == {"replay_fill": 0}
+
+
+def test_of_more_items_than_there_is_room_for_the_last_stay_with_their_priorities():
+    replay = make_replay(3, "prioritized", alpha=1.0)
+    replay.add(numbered(0, 5), np.array([9.0, 9, 1, 2, 3]))
+    state = replay.state()
+    assert state["reward"].tolist() == [-3, -4, -2]
+    assert state["priorities"].tolist() == pytest.approx([2, 3, 1])
+    assert state["priority_maximum"] == 3  # of those that were ever here
+
+
+def test_histories_by_hand():
+    replay = make_replay(5)
+    items = numbered(1, 6)  # trains 1 3 5 6 and 2 4
+    items["back"] = np.array([0, 0, 2, 2, 2, 1])
+    replay.add({name: array[:5] for name, array in items.items()})
+    histories = replay.histories(np.array([4, 3, 1]), 3)
+    assert histories[:, :, 0].tolist() == [[1, 0, 0], [3, 2, 0], [5, 4, 2]]
+    assert histories.shape == (3, 3, F)
+    replay.add({name: array[5:] for name, array in items.items()})  # over the first
+    assert replay.histories(np.array([4, 0]), 4)[:, :, 0].tolist() == [[0, 0], [0, 3], [3, 5], [5, 6]]
+    replay = through_state(replay, 5, "uniform")
+    assert replay.histories(np.array([4, 0]), 4)[:, :, 0].tolist() == [[0, 0], [0, 3], [3, 5], [5, 6]]
+
+
+@settings(deadline=None)
+@given(st.integers(1, 7), st.lists(st.integers(0, 2), max_size=20), st.integers(1, 5))
+def test_histories_are_those_of_lists(capacity, trains, length):
+    replay, seen, histories = make_replay(capacity), {}, []
+    for number, train in enumerate(trains):
+        earlier = seen.setdefault(train, [])
+        back = number - earlier[-1] if earlier else 0
+        earlier.append(number)
+        histories.append(list(earlier))
+        replay.add(numbered(number, 1) | {"back": np.array([back])})
+    kept = range(max(0, len(trains) - capacity), len(trains))
+    got = replay.histories(np.array([number % capacity for number in kept], np.int64), length)
+    rows = numbered(0, len(trains))["before"]
+    for i, number in enumerate(kept):
+        alive = [rows[one] for one in histories[number] if one in kept][-length:]
+        padding = [np.zeros(F)] * (length - len(alive))
+        np.testing.assert_array_equal(got[:, i], np.array([*padding, *alive]))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_empty_ring_cannot_be_sampled(kind):
+    with pytest.raises(ValueError, match="empty replay"):
+        make_replay(4, kind).sample(1, np.random.default_rng(1))
+
+
+def test_items_that_do_not_fit_are_refused():
+    replay, items = make_replay(4), numbered(0, 2)
+    with pytest.raises(ValueError, match="items need"):
+        replay.add({name: items[name] for name in items if name != "back"})
+    with pytest.raises(ValueError, match="items differ in number"):
+        replay.add(items | {"back": np.zeros(3)})
+    with pytest.raises(ValueError, match="rows have 3 values"):
+        replay.add(items | {"after": np.zeros((2, 4), np.float32)})
+    assert len(replay) == 0
+
+
+def test_a_state_is_a_copy_of_the_filled_part():
+    replay = make_replay(10, "prioritized")
+    replay.add(numbered(1, 3))
+    state = replay.state()
+    assert {name: len(array) for name, array in state.items() if array.ndim} == {
+        "action": 3,
+        "reward": 3,
+        "back": 3,
+        "rows": 3 * (1 + 2 + 1) + 3 * (1 + 3 + 1),
+        "priorities": 3,
+    }
+    replay.add(numbered(4, 9))
+    assert state["reward"].tolist() == [-1, -2, -3]
+    assert state["priorities"].tolist() == pytest.approx([1, 1, 1])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"cursor": None}, "tensor cursor is missing"),
+        ({"extra": np.zeros(3)}, "tensor extra is unknown"),
+        ({"cursor": np.array(1)}, "cursor 1 does not fit 3 items"),
+        ({"reward": np.zeros(2, np.float32)}, "reward is float32"),
+        ({"reward": np.zeros(3)}, "reward is float64"),
+        ({"rows": np.zeros(3)}, "rows is float64"),
+        ({"rows": np.zeros((6, 1), np.uint32)}, "rows is uint32"),
+        ({"rows": np.zeros(5, np.uint32)}, "rows: 5 words are not 3 times 2 rows of 3"),
+        ({"action": np.zeros(5, np.int8)}, "holds 5 items, the capacity is 4"),
+        ({"priorities": np.ones(4)}, "priorities is float64"),
+        ({"priorities": np.array([1, 0, 1.0])}, "priorities is not above 0 and finite"),
+        ({"priority_maximum": np.array(np.inf)}, "priority_maximum is not above 0 and finite"),
+    ],
+)
+def test_a_state_that_does_not_fit_is_refused(change, message):
+    replay = make_replay(4, "prioritized")
+    replay.add(numbered(0, 3))
+    state = {name: array for name, array in (replay.state() | change).items() if array is not None}
+    fresh = make_replay(4, "prioritized")
+    with pytest.raises(ValueError, match=message):
+        fresh.restore(state)
+    assert len(fresh) == 0
