@@ -1,7 +1,7 @@
 """How our replay compares with cpprb's and with plain numpy: `railctl bench replay`.
 
-All hold the same transitions, whose observations are of the study's levels: two rows of 252 float32, an action, a reward
-and a discount. "sample" gives a batch of 150 with all its data; "sample+update" then gives these 150 new priorities.
+All hold the same transitions, whose observations are of the study's levels: two rows of 252 float32, an action, a
+reward and a discount. "sample" gives a batch of 150 with all its data; "sample+update" then gives them new priorities.
 "add" appends 300 transitions, about an episode, to a full ring.
 
 cpprb's buffers are the library's own, with its defaults but for the summand of the priorities, which is ours. The plain
@@ -12,6 +12,7 @@ importance weights that the paper's formula gives.
 
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib.util import find_spec
 from typing import Any, Protocol
 
@@ -75,7 +76,7 @@ class Cpprb:
     def __init__(self, capacity: int, *, prioritized: bool) -> None:
         from cpprb import PrioritizedReplayBuffer, ReplayBuffer  # noqa: PLC0415  (only the benchmark needs it)
 
-        fields = {name: {"dtype": dtype} for name, dtype in COLUMNS.items()}
+        fields: dict[str, Any] = {name: {"dtype": dtype} for name, dtype in COLUMNS.items()}
         fields |= {name: {"dtype": np.float32, "shape": N_FEATURES} for name in ROWS}
         self._buffer: Any
         if prioritized:
@@ -205,7 +206,7 @@ def drawing(items: Items, capacity: int, *, prioritized: bool) -> Comparison:
             for who, kind in {"": Ours, **RIVALS}.items():
                 contenders[who] = kind(capacity, prioritized=prioritized)
                 fill(contenders[who], items, capacity, prioritized=prioritized)
-        us = {who: timed(lambda one=one: work(one))[0] / CALLS * 1e6 for who, one in contenders.items()}
+        us = {who: timed(partial(work, one))[0] / CALLS * 1e6 for who, one in contenders.items()}
         return [Sample(f"{name}, {rival}", "us/batch", us[""], us[rival]) for rival in RIVALS]
 
     return Comparison(name, once)
@@ -225,7 +226,7 @@ def adding(items: Items, capacity: int) -> Comparison:
             for who, kind in {"": Ours, **RIVALS}.items():
                 contenders[who] = kind(capacity, prioritized=False)
                 fill(contenders[who], items, capacity, prioritized=False)
-        us = {who: timed(lambda one=one: work(one))[0] / CALLS * 1e6 for who, one in contenders.items()}
+        us = {who: timed(partial(work, one))[0] / CALLS * 1e6 for who, one in contenders.items()}
         return [Sample(f"add {EPISODE}, {capacity:,}, {rival}", "us", us[""], us[rival]) for rival in RIVALS]
 
     return Comparison(f"add, {capacity:,}", once)

@@ -95,9 +95,9 @@ def comparison(case: Case, seen: Seen, updates: int) -> Comparison:
     def once(repeat: int) -> Sequence[Sample]:
         rng = np.random.default_rng(repeat)
         batches = [case.batch(seen, rng) for _ in range(updates)]
-        (our_s, ours), (their_s, theirs) = (
-            timed(lambda learn=learn: list(map(learn, batches))) for learn in case.sides()
-        )
+        learn_ours, learn_theirs = case.sides()
+        our_s, ours = timed(lambda: [learn_ours(batch) for batch in batches])
+        their_s, theirs = timed(lambda: [learn_theirs(batch) for batch in batches])
         if not np.allclose(ours, theirs, rtol=TOLERANCE):
             raise DisagreementError(f"{case.name}, repeat {repeat}: losses are {ours} and {theirs}")
         return [Sample(case.name, "us/update", our_s / updates * 1e6, their_s / updates * 1e6)]

@@ -110,14 +110,18 @@ def soft_update(target: Tensor, online: Tensor, tau: float) -> None:
 
 
 class Dqn:
-    """Trains a copy of a network of action values, a batch at a time."""
+    """Trains a copy of a network of action values, a batch at a time.
+
+    Attributes:
+        online: what is trained.
+        target: what scores the next observation; another copy that follows, or `online` itself.
+    """
 
     def __init__(self, config: DqnConfig, network: nn.Module) -> None:
-        """The target network, if there is one, starts as a copy of `network` too."""
         self._config = config
-        self._online = ValueNetwork(network)
-        self._target = None if config.target_tau is None else ValueNetwork(network)
-        self._adam = Adam(self._online.parameters, config.learning_rate)
+        self.online = ValueNetwork(network)
+        self.target = self.online if config.target_tau is None else ValueNetwork(network)
+        self._adam = Adam(self.online.parameters, config.learning_rate)
 
     def update(self, batch: Batch) -> Update:
         """One step of Adam on the weighted mean squared error, then one of the target network.
@@ -129,26 +133,34 @@ class Dqn:
         Raises:
             FloatingPointError: the loss is not finite; the network is as it was.
         """
-        target = self._targets(batch, sparse_rows(batch.observation_t))
-        q_tm1 = self._online.forward(sparse_rows(batch.observation_tm1))
+        tm1 = sparse_rows(batch.observation_tm1)
+        target = self.targets(batch, tm1, sparse_rows(batch.observation_t))
+        q_tm1 = self.online.forward(tm1)
         taken = q_tm1.gather(-1, batch.action_tm1.unsqueeze(-1)).squeeze(-1)
         error = taken - target
         loss = (batch.weights * error * error).mean().item()
         if not np.isfinite(loss):
             raise FloatingPointError(f"the loss is {loss}: training has diverged, lower dqn.learning_rate")
-        self._online.backward(error_gradient(error, batch.weights, batch.action_tm1, q_tm1.shape[-1]))
-        parameters = self._online.parameters
+        self.online.backward(error_gradient(error, batch.weights, batch.action_tm1, q_tm1.shape[-1]))
+        parameters = self.online.parameters
         gradient_norm = torch.linalg.vector_norm(parameters.flat_gradient).item()
         self._adam.step()
-        if self._target is not None and self._config.target_tau is not None:
-            soft_update(self._target.parameters.flat, parameters.flat, self._config.target_tau)
+        if self._config.target_tau is not None:
+            soft_update(self.target.parameters.flat, parameters.flat, self._config.target_tau)
         sizes = error.abs().numpy()
         metrics = {"loss": loss, "mean_q": taken.mean().item(), "td_error": float(sizes.mean(dtype=np.float64))}
         return Update(sizes, metrics | {"gradient_norm": gradient_norm})
 
+    def targets(self, batch: Batch, _tm1: SparseRows, t: SparseRows) -> Tensor:
+        """What the values of the actions taken should have been [B]; `_tm1` and `t` are the batch's observations."""
+        q_target_t = self.target.forward(t)
+        if not self._config.double:
+            return q_target(batch.reward_t, batch.discount_t, q_target_t)
+        return double_q_target(batch.reward_t, batch.discount_t, self.online.forward(t), q_target_t)
+
     def weights(self) -> dict[str, NDArray[np.float32]]:
         """A copy of the network's parameters."""
-        return export_tensors(self._online.parameters.named(self._online.parameters.flat))
+        return export_tensors(self.online.parameters.named(self.online.parameters.flat))
 
     def state(self) -> dict[str, NDArray[np.float32]]:
         """A copy of all that updates change: `network/*`, `target/*` and Adam's `steps`, `exp_avg/*`, ..."""
@@ -162,15 +174,8 @@ class Dqn:
         """
         import_tensors(self._tensors(), state)
 
-    def _targets(self, batch: Batch, observation_t: SparseRows) -> Tensor:
-        q_target_t = (self._target or self._online).forward(observation_t)
-        if not self._config.double:
-            return q_target(batch.reward_t, batch.discount_t, q_target_t)
-        q_t = self._online.forward(observation_t)
-        return double_q_target(batch.reward_t, batch.discount_t, q_t, q_target_t)
-
     def _tensors(self) -> dict[str, Tensor]:
-        parts = {"network": self._online} | ({} if self._target is None else {"target": self._target})
+        parts = {"network": self.online} | ({} if self.target is self.online else {"target": self.target})
         networks = {
             f"{part}/{name}": tensor
             for part, network in parts.items()
