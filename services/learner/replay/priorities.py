@@ -51,7 +51,7 @@ class Priorities:
         """
         if priorities is None:
             priorities = np.full(len(places), self._maximum)
-        priorities = np.require(priorities, np.float64, ("C", "A", "W"))
+        priorities = np.array(priorities, np.float64)
         if priorities.shape != places.shape:
             raise ValueError(f"{len(places)} items need as many priorities, got {priorities.shape}")
         largest = update(self._tree, places, priorities, len(self._leaves), self._alpha)
