@@ -65,6 +65,8 @@ def resolve_existing(saved: RunConfig, given: Plain, name: str) -> RunConfig:
     check_sections(given)
     merged = merge(saved.model_dump(mode="json"), given)
     merged |= {"mix": given["mix"]} if "mix" in given else {}
+    if merged.get("lag") and "fragment_steps" not in given:
+        merged["fragment_steps"] = None  # so that what is wrong is the lag
     if "actors" in given.get("cluster", {}):
         merged["cluster"]["actors"] = given["cluster"]["actors"]
     config = parse_config(merged)

@@ -23,13 +23,15 @@ def make_episode(number, n_features=6, steps=STEPS, offset=0, density=1.0):
     times, trains = np.nonzero(deciding)
     seen = -rng.random((len(times), n_features), np.float32) * (rng.random((len(times), n_features)) < density)
     final = -rng.random((TRAINS, n_features), np.float32)
-    return decided(
+    episode = decided(
         number,
-        zip(times, trains, rng.integers(0, 5, len(times)), at_offset(seen, offset), strict=True),
-        at_offset(-(np.arange(steps)[:, None] < until).astype(np.float32), offset),
+        zip(times, trains, rng.integers(0, 5, len(times)), seen, strict=True),
+        -(np.arange(steps)[:, None] < until).astype(np.float32),
         arrived_at,
-        at_offset(final * (arrived_at < 0)[:, None], offset),
+        final * (arrived_at < 0)[:, None],
     )
+    names = ("observations", "rewards", "final_observations")
+    return episode.model_copy(update={name: at_offset(getattr(episode, name), offset) for name in names})
 
 
 def decided(number, decisions, rewards, arrived_at, final):
