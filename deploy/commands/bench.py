@@ -29,7 +29,7 @@ def bench(
     worlds: Annotated[int | None, typer.Option(help="Worlds, levels or episodes in a repeat.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Measure ours beside what others use: same work, one process, one core; a ratio above 1 says that ours is better."""
+    """Measure ours beside others: same work, one process, one core; a ratio above 1 says that ours is better."""
     if what not in BENCHES:
         raise ConfigError(f"unknown benchmark {what!r}{nearest(what, list(BENCHES))}")
     command = [sys.executable, "-m", BENCHES[what]]

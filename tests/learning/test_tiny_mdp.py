@@ -134,13 +134,13 @@ FORK, ASTRAY = np.array([-1, -1, 0, -1], np.float32), np.array([-1, -1, -1, 0], 
 
 def act_by_memory(number, twin, epsilon, *, greedy=False):
     """One train sees a cue, then a fork that looks the same whatever the cue was, and is led astray if it forgot."""
-    choose = twin.in_episode(epsilon, stream_key(2, number, "explore"), 1, greedy=greedy)
+    choose = twin.in_episode(epsilon, stream_key(2, number, "explore"), twin.zero_state(1), greedy=greedy)
     seen = [CUES[number % 2], FORK]
-    actions = [choose(observation, step, 0) for step, observation in enumerate(seen)]
+    actions = [choose(observation, step, 0).action for step, observation in enumerate(seen)]
     steps = 2 if actions[1] == number % 2 else 8
     if steps == 8:
         seen.append(ASTRAY)
-        actions.append(choose(ASTRAY, 2, 0))
+        actions.append(choose(ASTRAY, 2, 0).action)
     decisions = [(step, 0, action, 0) for step, action in enumerate(actions)]
     episode = as_episode(number, steps, decisions, [steps], [ARRIVED])
     return episode.model_copy(update={"observations": np.array(seen)})
