@@ -90,11 +90,10 @@ class FlatActorCritic:
         Returns:
             The L2 norm of all gradients, before they are clipped.
         """
-        loss.backward()  # type: ignore[no-untyped-call]
-        logits, value = self._outputs
+        into_logits, into_value = torch.autograd.grad(loss, self._outputs)
         with torch.no_grad():
-            self._actor.backward(logits.grad)
-            self._critic.backward(value.grad.unsqueeze(-1))
+            self._actor.backward(into_logits)
+            self._critic.backward(into_value.unsqueeze(-1))
             norms = [torch.linalg.vector_norm(share).item() for share in self._shares]
             for share, norm in zip(self._shares, norms, strict=True):
                 if norm > self._limit:
@@ -125,7 +124,7 @@ class FlatActorCritic:
 
 def _views(flat: Tensor, named: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """Parts of a flat tensor in the order and with the shapes of named ones."""
-    parts = flat.split([tensor.numel() for tensor in named.values()])
+    parts = torch.split(flat, [tensor.numel() for tensor in named.values()])
     return {name: part.view_as(tensor) for (name, tensor), part in zip(named.items(), parts, strict=True)}
 
 

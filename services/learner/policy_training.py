@@ -1,6 +1,6 @@
 """Training a policy on one whole episode after another: returns, counters and state, whatever the update rule.
 
-A rule learns from `Experience`, an episode's decisions with their returns, and says nothing of episodes, buses or disks.
+A rule learns from `Experience`, an episode's decisions with their returns; episodes, buses and disks it does not know.
 """
 
 from collections.abc import Mapping

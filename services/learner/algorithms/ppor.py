@@ -11,7 +11,6 @@ What the text leaves open: there is no update until the replay holds a batch.
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from common.config import PpoConfig

@@ -1,0 +1,86 @@
+"""Losses of self-imitation, which priorities follow from them, and what is left alone."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from test_ppo import SETTINGS, batch_of, make_network
+
+from common.config import PpoConfig, ReplayConfig, SilConfig
+from services.learner.algorithms.ppo import WholeEpisodes
+from services.learner.algorithms.sil import SelfImitation, imitation_policy_loss, imitation_value_loss
+from services.learner.experience import ExperienceReplay
+
+
+def test_imitation_policy_loss_by_hand():
+    logs = torch.tensor([math.log(0.5), math.log(0.1)], requires_grad=True)
+    loss = imitation_policy_loss(logs, torch.tensor([0.3, 0.0]))
+    torch.testing.assert_close(loss, torch.tensor([0.3 * math.log(2), 0.0]))
+    assert torch.autograd.grad(loss.sum(), logs)[0].tolist() == pytest.approx([-0.3, 0])
+
+
+def test_imitation_value_loss_by_hand():
+    value = torch.tensor([-0.8, -0.2], requires_grad=True)
+    loss = imitation_value_loss(value, torch.tensor([-0.5, -0.5]))
+    torch.testing.assert_close(loss, torch.tensor([0.045, 0.0]))
+    assert torch.autograd.grad(loss.sum(), value)[0].tolist() == pytest.approx([-0.3, 0])
+
+
+class Drawn(ExperienceReplay):
+    """Remembers what priorities it was given."""
+
+    def __init__(self, capacity):
+        super().__init__(ReplayConfig(kind="prioritized", capacity=capacity, beta=0), 1, seed=1)
+        self.given = []
+
+    def add(self, new, priorities=None):
+        self.given.append(priorities.tolist())
+        super().add(new, priorities)
+
+    def reprioritise(self, places, priorities):
+        self.given.append(dict(zip(places.tolist(), priorities.tolist(), strict=True)))
+        super().reprioritise(places, priorities)
+
+
+def make_rule(*, epochs=1, batch_size=2, value_weight=0.01):
+    config = PpoConfig(**(SETTINGS | {"epochs": 1, "learning_rate": 1e-30}))  # ppo's epochs leave the network alone
+    network, replay = make_network(config), Drawn(10)
+    sil = SilConfig(epochs=epochs, batch_size=batch_size, value_weight=value_weight)
+    return SelfImitation(sil, WholeEpisodes(config, network), network, replay), network, replay
+
+
+def test_only_what_turned_out_well_is_drawn_and_imitated():
+    rule, _, replay = make_rule(batch_size=2, value_weight=1.0)
+    ppo, sil = rule.learn(batch_of([0, 1], [-0.9, -0.1], values=[-0.5, -0.6]))
+    assert replay.given[0] == pytest.approx([0, 0.5])  # by the values when acting
+    assert list(replay.given[1]) == [1]  # the bad one has no priority, and is not drawn in two draws
+    assert replay.given[1][1] == pytest.approx(0.4)  # by the value of now, -0.5
+    assert "policy_loss" in ppo
+    assert sil == pytest.approx(
+        {
+            "sil_policy_loss": 0.4 * math.log(2),
+            "sil_value_loss": 0.08,
+            "sil_gain": 0.4,
+            "sil_positive_share": 1.0,
+            "sil_gradient_norm": math.sqrt(2 * 0.2**2 + 0.4**2),
+        },
+        rel=1e-5,
+    )
+
+
+def test_imitation_moves_the_policy_towards_the_action_and_the_value_towards_the_return():
+    config = PpoConfig(**(SETTINGS | {"epochs": 1}))
+    network, replay = make_network(config), Drawn(10)
+    rule = SelfImitation(SilConfig(epochs=1, batch_size=1), WholeEpisodes(config, network), network, replay)
+    before = network.weights()
+    replay.add(batch_of([1], [-0.1]), np.array([1.0]))
+    rule._imitate()
+    assert network.weights()["actor.bias"][1] > before["actor.bias"][1]
+    assert network.weights()["critic.bias"] > before["critic.bias"]
+
+
+def test_no_imitation_before_the_replay_holds_a_batch():
+    rule, _, _ = make_rule(epochs=3, batch_size=3)
+    assert len(rule.learn(batch_of([0, 1], [-0.9, -0.1]))) == 1
+    assert len(rule.learn(batch_of([0, 1], [-0.9, -0.1]))) == 4
