@@ -14,8 +14,9 @@ from common.config import PpoConfig
 from common.policy.actor_critic import build_actor_critic
 from common.records import Episode
 from services.learner.experience import Experience
-from services.learner.flat_actor_critic import FlatActorCritic
 from services.learner.learning import Learning
+from services.learner.network.policies import PolicyNetwork
+from services.learner.network.sparse import sparse_rows
 from services.learner.replay.transitions import check_order
 from services.learner.returns import decision_returns
 
@@ -36,16 +37,16 @@ class PolicyRule(Protocol):
         """Take on a `state`; ValueError names the tensor that does not fit."""
 
 
-def build_network(learning: Learning, ppo: PpoConfig) -> FlatActorCritic:
+def build_network(learning: Learning, ppo: PpoConfig) -> PolicyNetwork:
     """The network of a run as its seed makes it."""
     network = build_actor_critic(learning.network, learning.n_features, learning.n_actions, learning.seed)
-    return FlatActorCritic(network, ppo.learning_rate, ppo.max_gradient_norm)
+    return PolicyNetwork(network, ppo.learning_rate, ppo.max_gradient_norm)
 
 
 class PolicyTrainer:
     """A `services.learner.learning.Trainer` around a rule and the network that the rule trains."""
 
-    def __init__(self, learning: Learning, network: FlatActorCritic, rule: PolicyRule) -> None:
+    def __init__(self, learning: Learning, network: PolicyNetwork, rule: PolicyRule) -> None:
         if learning.discount >= 1:
             raise ValueError(f"discount {learning.discount}: returns are scaled by 1 - discount, make it less than 1")
         self._discount = learning.discount
@@ -106,7 +107,7 @@ class PolicyTrainer:
         self._rule.restore(parts["rule"])
 
     def _experience(self, episode: Episode) -> Experience:
-        final_values = self._network.values(torch.tensor(episode.final_observations)).numpy()
+        final_values = self._network.values(sparse_rows(torch.tensor(episode.final_observations))).numpy()
         return Experience(
             observation_tm1=torch.tensor(episode.observations),
             action_tm1=torch.tensor(episode.actions, dtype=torch.int64),

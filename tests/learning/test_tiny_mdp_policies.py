@@ -1,4 +1,4 @@
-"""Each preset that learns a policy finds the optimal one of the small world of `test_tiny_mdp`, and what it is worth."""
+"""Each preset that learns a policy finds the optimal one of the small world of `test_tiny_mdp`, and its values."""
 
 import numpy as np
 import pytest

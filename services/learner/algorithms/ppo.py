@@ -21,8 +21,9 @@ from torch import Tensor
 
 from common.config import PpoConfig
 from services.learner.experience import Experience
-from services.learner.flat_actor_critic import FlatActorCritic
 from services.learner.learning import Learning, Trainer
+from services.learner.network.policies import PolicyNetwork
+from services.learner.network.sparse import SparseRows, sparse_rows
 from services.learner.policy_training import PolicyTrainer, build_network
 
 
@@ -89,12 +90,16 @@ def entropy(logits: Tensor) -> Tensor:
 class Ppo:
     """Trains an actor-critic, a batch at a time."""
 
-    def __init__(self, config: PpoConfig, network: FlatActorCritic) -> None:
+    def __init__(self, config: PpoConfig, network: PolicyNetwork) -> None:
         self._config = config
         self._network = network
 
-    def update(self, batch: Experience) -> dict[str, float]:
+    def update(self, x: SparseRows, batch: Experience) -> dict[str, float]:
         """One step of Adam on `-surrogate + c1 * value loss - c2 * entropy`, means over the batch.
+
+        Args:
+            x: [B, F], the batch's observations.
+            batch: B decisions.
 
         Returns:
             `policy_loss`, `value_loss` and `entropy`; `value_error`, the mean of |R - V|; `clip_share`, of decisions
@@ -105,7 +110,7 @@ class Ppo:
             FloatingPointError: the loss is not finite; the network is as it was.
         """
         config = self._config
-        logits, value = self._network.outputs(batch.observation_tm1)
+        logits, value = self._network.outputs(x)
         error = (batch.return_t - value).detach()
         log_ratio = log_probability(logits, batch.action_tm1) - batch.log_probability_tm1
         ratio = log_ratio.exp()
@@ -135,12 +140,13 @@ def check_finite(loss: Tensor) -> None:
 class WholeEpisodes:
     """Every epoch is an update on the whole episode."""
 
-    def __init__(self, config: PpoConfig, network: FlatActorCritic) -> None:
+    def __init__(self, config: PpoConfig, network: PolicyNetwork) -> None:
         self._epochs = config.epochs
         self._ppo = Ppo(config, network)
 
     def learn(self, new: Experience) -> list[dict[str, float]]:
-        return [self._ppo.update(new) for _ in range(self._epochs)]
+        x = sparse_rows(new.observation_tm1)
+        return [self._ppo.update(x, new) for _ in range(self._epochs)]
 
     def telling(self) -> dict[str, float]:
         return {}

@@ -16,15 +16,16 @@ from numpy.typing import NDArray
 from common.config import PpoConfig
 from services.learner.algorithms.ppo import Ppo
 from services.learner.experience import Experience, ExperienceReplay
-from services.learner.flat_actor_critic import FlatActorCritic
 from services.learner.learning import Learning, Trainer
+from services.learner.network.policies import PolicyNetwork
+from services.learner.network.sparse import sparse_rows
 from services.learner.policy_training import PolicyTrainer, build_network
 
 
 class FromReplay:
     """Every epoch is an update on a batch from the replay."""
 
-    def __init__(self, config: PpoConfig, batch_size: int, network: FlatActorCritic, replay: ExperienceReplay) -> None:
+    def __init__(self, config: PpoConfig, batch_size: int, network: PolicyNetwork, replay: ExperienceReplay) -> None:
         self._epochs = config.epochs
         self._batch_size = batch_size
         self._ppo = Ppo(config, network)
@@ -34,7 +35,7 @@ class FromReplay:
         self._replay.add(new)
         if len(self._replay) < self._batch_size:
             return []
-        return [self._ppo.update(self._replay.sample(self._batch_size).experience) for _ in range(self._epochs)]
+        return [self._update() for _ in range(self._epochs)]
 
     def telling(self) -> dict[str, float]:
         return self._replay.telling()
@@ -44,6 +45,10 @@ class FromReplay:
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         self._replay.restore(state)
+
+    def _update(self) -> dict[str, float]:
+        batch, _ = self._replay.sample(self._batch_size)
+        return self._ppo.update(sparse_rows(batch.observation_tm1), batch)
 
 
 def build(learning: Learning) -> Trainer:

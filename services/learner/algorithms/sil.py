@@ -24,8 +24,9 @@ from torch import Tensor
 from common.config import SilConfig
 from services.learner.algorithms.ppo import WholeEpisodes, check_finite, log_probability
 from services.learner.experience import Experience, ExperienceReplay
-from services.learner.flat_actor_critic import FlatActorCritic
 from services.learner.learning import Learning, Trainer
+from services.learner.network.policies import PolicyNetwork
+from services.learner.network.sparse import sparse_rows
 from services.learner.policy_training import PolicyTrainer, build_network
 
 
@@ -63,7 +64,7 @@ class SelfImitation:
     """`ppo`'s epochs on the whole episode, then epochs on prioritised batches of all episodes."""
 
     def __init__(
-        self, config: SilConfig, on_policy: WholeEpisodes, network: FlatActorCritic, replay: ExperienceReplay
+        self, config: SilConfig, on_policy: WholeEpisodes, network: PolicyNetwork, replay: ExperienceReplay
     ) -> None:
         self._config = config
         self._on_policy = on_policy
@@ -89,7 +90,7 @@ class SelfImitation:
     def _imitate(self) -> dict[str, float]:
         """One step of Adam on `policy loss + beta * value loss`, then new priorities."""
         batch, places = self._replay.sample(self._config.batch_size)
-        logits, value = self._network.outputs(batch.observation_tm1)
+        logits, value = self._network.outputs(sparse_rows(batch.observation_tm1))
         gain = (batch.return_t - value).detach().clamp(min=0)
         policy_loss = imitation_policy_loss(log_probability(logits, batch.action_tm1), gain).mean()
         value_loss = imitation_value_loss(value, batch.return_t).mean()

@@ -1,85 +1,228 @@
-"""Experience replay in plain arrays, uniform or prioritised (Schaul et al. 2016, arXiv:1511.05952)."""
+"""Experience replay: a ring of the newest items (Lin 1992), drawn uniformly or by priority.
+
+Uniform batches are drawn with replacement (Mnih et al. 2015 do not say): a draw costs the same however much the ring
+holds. Prioritised ones are those of Schaul et al. 2016, see `priorities`. What an item is made of is up to the learner:
+named numbers, and named rows [F], which are kept without their zeros, see `rows`.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 from torch import Tensor
 
 from common.config import ReplayConfig
+from common.kernel import bare_kernel
+from services.learner.replay.priorities import Priorities
+from services.learner.replay.rows import RowRing
+
+BACK = "back"  # the column that `histories` follows
+ROWS = "rows"  # of a state
+PRIORITIES = ("priorities", "priority_maximum")
 
 
 class Sample(NamedTuple):
+    """B items in memory that torch allocated, valid until the next sample of the same replay.
+
+    Attributes:
+        columns: by name, [B] int64 or float32, rows [B, F] float32.
+        weights: [B] float32, the importance weights (1/(N P))^beta divided by the largest; ones if drawn uniformly.
+        places: [B], where the items lie, for `reprioritise` and `histories`.
+    """
+
     columns: dict[str, Tensor]
     weights: Tensor
     places: NDArray[np.int64]
 
 
 class Replay:
-    def __init__(self, config: ReplayConfig, columns: Mapping[str, Any], rows: Sequence[str], n_features: int) -> None:
-        self._config = config
-        self._arrays = {name: np.zeros(config.capacity, dtype) for name, dtype in columns.items()}
-        self._arrays |= {name: np.zeros((config.capacity, n_features), np.float32) for name in rows}
-        self._priorities = np.zeros(config.capacity)
-        self._max = 1.0
-        self._size = self._cursor = 0
+    """A ring of at most `config.capacity` items; the oldest give way."""
+
+    def __init__(
+        self, config: ReplayConfig, columns: Mapping[str, DTypeLike], rows: Sequence[str], n_features: int
+    ) -> None:
+        """Items have a number for each of `columns`, of these dtypes, and `n_features` for each of `rows`.
+
+        There is at least one of both.
+        """
+        self._capacity = config.capacity
+        self._n_features = n_features
+        # Not zeros: the kernel gives pages to this memory only as the ring fills.
+        self._columns: dict[str, NDArray[Any]] = {name: np.empty(config.capacity, columns[name]) for name in columns}
+        self._row_names = tuple(rows)
+        self._rows = RowRing(config.capacity, len(rows), n_features)
+        prioritized = config.kind == "prioritized"
+        self._priorities = Priorities(config.capacity, config.alpha) if prioritized else None
+        self._added = 0  # ever, or as many as would have left the ring as it is
+        self._make_sample(0)
+        self._histories = torch.empty(0, 0, n_features)
 
     def __len__(self) -> int:
-        return self._size
+        return min(self._added, self._capacity)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all that is kept, and of the room for more."""
+        parts = [*self._columns.values(), self._rows, *([self._priorities] if self._priorities else [])]
+        return sum(part.nbytes for part in parts)
 
     def add(self, items: Mapping[str, NDArray[Any]], priorities: NDArray[np.float64] | None = None) -> None:
+        """Append M items, oldest first; without `priorities` they get the largest that there has been, 1 at first.
+
+        Raises:
+            ValueError: the arrays do not fit.
+        """
+        if set(items) != {*self._columns, *self._row_names}:
+            raise ValueError(f"items need {sorted({*self._columns, *self._row_names})}, got {sorted(items)}")
         count = len(next(iter(items.values())))
-        kept = np.arange(max(0, count - self._config.capacity), count)
-        places = (self._cursor + kept) % self._config.capacity
-        for name, array in self._arrays.items():
-            array[places] = items[name][kept]
-        self._cursor = (self._cursor + count) % self._config.capacity
-        self._size = min(self._size + count, self._config.capacity)
-        self.reprioritise(places, np.full(count, self._max)[kept] if priorities is None else priorities[kept])
+        if any(len(array) != count for array in items.values()):
+            raise ValueError(f"items differ in number: { ({name: len(items[name]) for name in items}) }")
+        kept = slice(max(0, count - self._capacity), count)  # those before would be overwritten at once
+        first = self._added + kept.start
+        places = np.arange(first, self._added + count) % self._capacity
+        if self._priorities:
+            self._priorities.put(places, None if priorities is None else priorities[kept])
+        self._rows.add(tuple(_bits(items[name][kept]) for name in self._row_names), first)
+        for name, column in self._columns.items():
+            column[places] = items[name][kept]
+        self._added += count
 
     def sample(self, size: int, rng: np.random.Generator, beta: float = 1.0) -> Sample:
-        if self._size == 0:
-            raise ValueError("cannot sample from an empty replay: add transitions first")
-        weights = np.ones(size)
-        if self._config.kind == "uniform":
-            places = rng.integers(self._size, size=size)
+        """`size` items, with replacement; `beta` is the exponent of the importance weights.
+
+        Raises:
+            ValueError: the ring is empty.
+        """
+        if self._added == 0:
+            raise ValueError("cannot sample from an empty replay: add something first")
+        if len(self._sample.places) != size:
+            self._make_sample(size)
+        if self._priorities:
+            places = self._priorities.draw(rng, beta, self._weights_out)
         else:
-            sums = np.cumsum(self._priorities[: self._size])
-            places = np.minimum(np.searchsorted(sums, rng.random(size) * sums[-1], side="right"), self._size - 1)
-            weights = (self._size * self._priorities[places] / sums[-1]) ** -beta
-            weights /= weights.max()
-        columns = {}
-        for name, array in self._arrays.items():
-            dtype = torch.int64 if array.dtype.kind == "i" else torch.float32
-            columns[name] = torch.tensor(array[places], dtype=dtype)
-        return Sample(columns, torch.tensor(weights, dtype=torch.float32), places)
+            places = rng.integers(len(self), size=size)
+        for name, column in self._columns.items():
+            self._columns_out[name][:] = column[places]
+        self._rows.gather(places, self._rows_out)
+        return Sample(self._sample.columns, self._sample.weights, places)
 
     def reprioritise(self, places: NDArray[np.int64], priorities: NDArray[np.float64]) -> None:
-        self._max = max(self._max, float(priorities.max(initial=0.0)))
-        self._priorities[places] = (priorities + 1e-6) ** self._config.alpha
+        """Give the items at `places` [B] new priorities, at least 0; the last counts if there are several for one.
+
+        Raises:
+            ValueError: a priority is negative or not finite; then nothing has changed.
+        """
+        if self._priorities:
+            self._priorities.put(places, priorities)
+
+    def histories(self, places: NDArray[np.int64], length: int) -> Tensor:
+        """The last rows of the trains whose items lie at `places` [B], up to these items; of the first row column.
+
+        Column `back` says how many items earlier the same train's previous item was added, 0 for none.
+
+        Returns:
+            [L, B, F], zeros in front where a history begins, or what came before has been overwritten; valid until the
+            next call.
+        """
+        if self._histories.shape[:2] != (length, len(places)):
+            self._histories = torch.empty(length, len(places), self._n_features)
+        chain = np.empty((length, len(places)), np.int64)
+        follow(self._columns[BACK], self._oldest, self._capacity, places, chain)
+        self._rows.gather(chain.reshape(-1), (_bits(self._histories.numpy()).reshape(-1, self._n_features),))
+        return self._histories
 
     def telling(self) -> dict[str, float]:
-        told = {"replay_fill": self._size / self._config.capacity}
-        if self._config.kind == "prioritized":
-            told["priority_mean"] = float(self._priorities[: self._size].mean())
-            told["priority_max"] = float(self._priorities[: self._size].max())
+        """`replay_fill`, a share of the capacity; and `priority_mean` and `priority_max`, to the power of alpha."""
+        told = {"replay_fill": len(self) / self._capacity}
+        if self._priorities:
+            told["priority_mean"] = self._priorities.total / max(1, len(self))
+            told["priority_max"] = self._priorities.largest
         return told
 
     def state(self) -> dict[str, NDArray[Any]]:
-        filled = {name: array[: self._size].copy() for name, array in self._arrays.items()}
-        return filled | {
-            "priorities": self._priorities[: self._size].copy(),
-            "max": np.array(self._max),
-            "cursor": np.array(self._cursor, np.int64),
-        }
+        """A copy of all that the ring holds, in the order of its places, and its cursor."""
+        size = len(self)
+        state = {name: column[:size].copy() for name, column in self._columns.items()}
+        state[ROWS] = self._rows.state(size)
+        if self._priorities:
+            state |= self._priorities.state(size)
+        return {**state, "cursor": np.array(self._added % self._capacity, np.int64)}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        if different := sorted(set(state) ^ {*self._arrays, "priorities", "max", "cursor"}):
+        """Take on a `state`: what is sampled and overwritten from here on is as in the ring that gave it.
+
+        Raises:
+            ValueError: naming the tensor that is missing, unknown, of another dtype or shape, or out of range; then
+                nothing has changed.
+        """
+        known = {*self._columns, ROWS, "cursor", *(PRIORITIES if self._priorities else ())}
+        if different := sorted(set(state) ^ known):
             raise ValueError(f"replay: tensor {different[0]} is {'unknown' if different[0] in state else 'missing'}")
-        self._size, self._cursor = len(state["priorities"]), int(state["cursor"])
-        self._max = float(state["max"])
-        self._priorities[: self._size] = state["priorities"]
-        for name, array in self._arrays.items():
-            array[: self._size] = state[name]
+        size, cursor = self._checked_size(state), int(state["cursor"])
+        words = state[ROWS].copy()
+        ends = self._rows.located(words, size)
+        for name, column in self._columns.items():
+            column[:size] = state[name]
+        self._added = size if size < self._capacity else self._capacity + cursor
+        self._rows.restore(words, ends, self._oldest)
+        if self._priorities:
+            self._priorities.restore(state["priorities"], float(state["priority_maximum"]))
+
+    @property
+    def _oldest(self) -> int:
+        """Where the oldest item lies, or will."""
+        return self._added % self._capacity if self._added > self._capacity else 0
+
+    def _checked_size(self, state: Mapping[str, NDArray[Any]]) -> int:
+        """How many items a state holds, once all but its rows fits."""
+        name = next(iter(self._columns))
+        size, cursor = len(state[name]), int(state["cursor"])
+        if size > self._capacity:
+            raise ValueError(f"replay: {name} holds {size} items, the capacity is {self._capacity}")
+        if not (cursor == size % self._capacity if size < self._capacity else 0 <= cursor < size):
+            raise ValueError(f"replay: cursor {cursor} does not fit {size} items")
+        wanted = {name: (column.dtype, (size,)) for name, column in self._columns.items()}
+        wanted[ROWS] = (np.dtype(np.uint32), state[ROWS].shape[:1])
+        if self._priorities:
+            wanted |= {"priorities": (np.dtype(np.float64), (size,)), "priority_maximum": (np.dtype(np.float64), ())}
+        for name, (dtype, shape) in wanted.items():
+            got = state[name]
+            if got.dtype != dtype or got.shape != shape:
+                raise ValueError(f"replay: {name} is {got.dtype}{got.shape}, not {dtype}{shape}")
+        for name in PRIORITIES if self._priorities else ():
+            if not (np.isfinite(state[name]) & (state[name] > 0)).all():
+                raise ValueError(f"replay: {name} is not above 0 and finite")
+        return size
+
+    def _make_sample(self, size: int) -> None:
+        """What samples of this size are given out in, and the memory of these tensors."""
+        columns = {
+            name: torch.zeros(size, dtype=torch.float32 if column.dtype.kind == "f" else torch.int64)
+            for name, column in self._columns.items()
+        }
+        self._columns_out = {name: tensor.numpy() for name, tensor in columns.items()}
+        columns |= {name: torch.zeros(size, self._n_features) for name in self._row_names}
+        self._rows_out = tuple(columns[name].numpy().view(np.uint32) for name in self._row_names)
+        weights = torch.ones(size)
+        self._weights_out: NDArray[np.float32] = weights.numpy()
+        self._sample = Sample(columns, weights, np.zeros(size, np.int64))
+
+
+def _bits(rows: NDArray[np.float32]) -> NDArray[np.uint32]:
+    """The bits of rows, in memory that compiled code can take."""
+    return np.require(rows, np.float32, ("C", "A", "W")).view(np.uint32)
+
+
+@bare_kernel
+def follow(back: NDArray[Any], oldest: int, capacity: int, places: NDArray[np.int64], chain: NDArray[np.int64]) -> None:
+    """Fill `chain` [L, B] with the places of a train's last items, the last of them being `places` [B]; -1 for none."""
+    for item in range(len(places)):
+        place = places[item]
+        for step in range(len(chain) - 1, -1, -1):
+            chain[step, item] = place
+            if place >= 0:
+                distance = np.int64(back[place])
+                age = (place - oldest) % capacity  # places after the oldest
+                place = (place - distance) % capacity if 0 < distance <= age else -1

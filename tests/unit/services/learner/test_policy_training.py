@@ -1,4 +1,4 @@
-"""The trainers of policies: what they refuse, that they go on after a restore, and that all processes get the same bits.
+"""The trainers of policies: what they refuse, that they go on after a restore, that all processes get the same bits.
 
 Run as a program it trains briefly on arrays at a given misalignment and prints hashes of the weights.
 """

@@ -11,7 +11,8 @@ from common.policy.actor_critic import build_actor_critic
 from common.policy.networks import import_parameters
 from services.learner.algorithms.ppo import Ppo, clipped_surrogate, clipped_value_loss, entropy, log_probability
 from services.learner.experience import Experience
-from services.learner.flat_actor_critic import FlatActorCritic
+from services.learner.network.policies import PolicyNetwork
+from services.learner.network.sparse import sparse_rows
 
 
 def test_log_probability_by_hand():
@@ -67,7 +68,7 @@ def make_network(config):
     network = build_actor_critic(NetworkConfig(kind="actor-critic", hidden=(1,)), n_features=1, n_actions=2, seed=0)
     zeros = {name: np.zeros(tuple(tensor.shape), np.float32) for name, tensor in network.named_parameters()}
     import_parameters(network, zeros | {"critic.bias": np.array([-0.5], np.float32)})
-    return FlatActorCritic(network, config.learning_rate, config.max_gradient_norm)
+    return PolicyNetwork(network, config.learning_rate, config.max_gradient_norm)
 
 
 def batch_of(actions, returns, values=None, log_probabilities=None):
@@ -81,12 +82,16 @@ def batch_of(actions, returns, values=None, log_probabilities=None):
     )
 
 
+def update(config, network, batch):
+    return Ppo(config, network).update(sparse_rows(batch.observation_tm1), batch)
+
+
 def test_an_update_by_hand():
     config = PpoConfig(**SETTINGS)
     network = make_network(config)
     # Advantages 0.4 and -0.2. Ratios are 1: dL/dlogits is -(0.4 * (0.5, -0.5) - 0.2 * (-0.5, 0.5)) / 2 =
     # (-0.15, 0.15); dL/dvalue is 0.5 * 2 * -(0.4 - 0.2) / 2 = -0.1. Adam's first step is the sign times the rate.
-    metrics = Ppo(config, network).update(batch_of([0, 1], [-0.1, -0.7]))
+    metrics = update(config, network, batch_of([0, 1], [-0.1, -0.7]))
     assert metrics == pytest.approx(
         {
             "policy_loss": -0.1,  # -(0.4 - 0.2) / 2
@@ -108,7 +113,7 @@ def test_an_update_by_hand():
 def test_a_policy_that_has_moved_is_told():
     config = PpoConfig(**SETTINGS)
     old = [math.log(0.25), math.log(0.5)]  # ratios 2 and 1
-    metrics = Ppo(config, make_network(config)).update(batch_of([0, 1], [-0.4, -0.5], log_probabilities=old))
+    metrics = update(config, make_network(config), batch_of([0, 1], [-0.4, -0.5], log_probabilities=old))
     assert metrics["clip_share"] == 0.5
     assert metrics["kl"] == pytest.approx((1 - math.log(2)) / 2)
     assert metrics["policy_loss"] == pytest.approx(-1.2 * 0.1 / 2)
@@ -119,7 +124,7 @@ def test_the_entropy_bonus_keeps_the_policy_undecided():
     network = make_network(config)
     network.restore(network.state() | {"network/actor.bias": np.array([1, 0], np.float32)})
     sure = [math.log(1 / (1 + math.exp(-1)))]
-    Ppo(config, network).update(batch_of([0], [-0.5], log_probabilities=sure))  # no advantage
+    update(config, network, batch_of([0], [-0.5], log_probabilities=sure))  # no advantage
     np.testing.assert_allclose(network.weights()["actor.bias"], [0.9, 0.1], rtol=1e-4)
 
 
@@ -128,5 +133,5 @@ def test_diverging_is_an_error_and_changes_nothing():
     network = make_network(config)
     before = network.state()
     with pytest.raises(FloatingPointError, match=r"lower ppo\.learning_rate"):
-        Ppo(config, network).update(batch_of([0], [math.nan]))
+        update(config, network, batch_of([0], [math.nan]))
     assert all(array.tobytes() == before[name].tobytes() for name, array in network.state().items())

@@ -1,4 +1,4 @@
-"""The flat actor-critic beside autograd and Adam on the network of `common.policy`."""
+"""The network of a policy beside autograd and Adam on the network of `common.policy`."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,8 @@ import torch
 from common.config import NetworkConfig
 from common.policy.actor_critic import build_actor_critic
 from common.policy.networks import export_parameters
-from services.learner.flat_actor_critic import FlatActorCritic
+from services.learner.network.policies import PolicyNetwork
+from services.learner.network.sparse import sparse_rows
 
 FEATURES, ACTIONS = 6, 3
 
@@ -31,10 +32,10 @@ def some_loss(logits, value, scale=1.0):
 @pytest.mark.parametrize("hidden", [(8,), (8, 5), (8, 5, 7)])
 def test_steps_are_those_of_autograd_and_adam(hidden):
     network = make_network(hidden)
-    flat = FlatActorCritic(network, learning_rate=0.01, max_gradient_norm=1e9)
+    flat = PolicyNetwork(network, learning_rate=0.01, max_gradient_norm=1e9)
     adam = torch.optim.Adam(network.parameters(), lr=0.01)
     for batch in batches(5):
-        logits, value = flat.outputs(batch)
+        logits, value = flat.outputs(sparse_rows(batch))
         expected_logits, expected_value = network(batch)
         torch.testing.assert_close(logits, expected_logits)
         torch.testing.assert_close(value, expected_value)
@@ -50,20 +51,20 @@ def test_steps_are_those_of_autograd_and_adam(hidden):
 
 def test_gradients_of_actor_and_critic_are_clipped_each():
     network = make_network()
-    flat = FlatActorCritic(network, learning_rate=0.01, max_gradient_norm=0.5)
-    logits, value = flat.outputs(batches(1)[0])
+    flat = PolicyNetwork(network, learning_rate=0.01, max_gradient_norm=0.5)
+    logits, value = flat.outputs(sparse_rows(batches(1)[0]))
     flat.descend(100 * value.mean() + 0.001 * logits[:, 0].mean())
-    moments = {name: array / 0.1 for name, array in flat.state().items() if name == "adam/exp_avg"}
-    gradients = moments["adam/exp_avg"]  # after the first step a tenth of the gradient
-    n_actor = sum(parameter.numel() for name, parameter in network.named_parameters() if name.startswith("actor"))
-    assert np.linalg.norm(gradients[n_actor:]) == pytest.approx(0.5, rel=1e-4)
+    # After its first step Adam's mean is a tenth of the gradient.
+    gradients = {name.removeprefix("exp_avg/"): 10 * array for name, array in flat.state().items() if "avg/" in name}
+    critic = [gradient.ravel() for name, gradient in gradients.items() if name.startswith("critic")]
+    assert np.linalg.norm(np.concatenate(critic)) == pytest.approx(0.5, rel=1e-4)
     expected = torch.autograd.grad(0.001 * network.logits(batches(1)[0])[:, 0].mean(), network.actor.bias)[0]
-    np.testing.assert_allclose(gradients[:n_actor][-ACTIONS:], expected, rtol=1e-4)
+    np.testing.assert_allclose(gradients["actor.bias"], expected, rtol=1e-4)
 
 
 def test_weights_are_a_copy_with_the_names_and_shapes_of_the_network():
     network = make_network()
-    flat = FlatActorCritic(network, 0.01, 0.5)
+    flat = PolicyNetwork(network, 0.01, 0.5)
     assert {name: array.shape for name, array in flat.weights().items()} == {
         name: array.shape for name, array in export_parameters(network).items()
     }
@@ -72,12 +73,12 @@ def test_weights_are_a_copy_with_the_names_and_shapes_of_the_network():
 
 
 def test_values_are_those_of_outputs():
-    flat = FlatActorCritic(make_network(), 0.01, 0.5)
+    flat = PolicyNetwork(make_network(), 0.01, 0.5)
     batch = batches(1)[0]
-    assert torch.equal(flat.values(batch), flat.outputs(batch)[1].detach())
+    assert torch.equal(flat.values(sparse_rows(batch)), flat.outputs(sparse_rows(batch))[1].detach())
 
 
 def test_a_state_that_does_not_fit_is_refused():
-    flat = FlatActorCritic(make_network(), 0.01, 0.5)
+    flat = PolicyNetwork(make_network(), 0.01, 0.5)
     with pytest.raises(ValueError, match=r"network/critic\.bias is missing"):
         flat.restore({name: array for name, array in flat.state().items() if name != "network/critic.bias"})

@@ -1,0 +1,68 @@
+"""Adam over all parameters at once.
+
+"Adam: A Method for Stochastic Optimization", Kingma & Ba, arXiv:1412.6980, algorithm 1, with its betas and epsilon.
+Additions, multiplications, divisions and square roots only, element by element: the same bits on every machine.
+"""
+
+import math
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from common.kernel import bare_kernel
+from services.learner.network.parameters import Parameters
+
+BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
+
+
+class Adam:
+    """Steps along the gradients of `parameters`."""
+
+    def __init__(self, parameters: Parameters, learning_rate: float) -> None:
+        self._parameters = parameters
+        self._learning_rate = learning_rate
+        self._steps = torch.zeros(())
+        self._mean = torch.zeros_like(parameters.flat)
+        self._square = torch.zeros_like(parameters.flat)
+
+    def step(self) -> None:
+        """Move all parameters, by what is in their gradients now."""
+        self._steps += 1
+        steps = int(self._steps)
+        move(
+            self._parameters.flat.numpy(),
+            self._parameters.flat_gradient.numpy(),
+            self._mean.numpy(),
+            self._square.numpy(),
+            np.float32(self._learning_rate / (1 - BETA_1**steps)),
+            np.float32(1 / math.sqrt(1 - BETA_2**steps)),
+        )
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Views of all that steps change, but the parameters: `steps`, and by parameter `exp_avg/*`, `exp_avg_sq/*`."""
+        means, squares = self._parameters.named(self._mean), self._parameters.named(self._square)
+        return {
+            "steps": self._steps,
+            **{f"exp_avg/{name}": tensor for name, tensor in means.items()},
+            **{f"exp_avg_sq/{name}": tensor for name, tensor in squares.items()},
+        }
+
+
+@bare_kernel
+def move(  # noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
+    values: NDArray[np.float32],
+    gradient: NDArray[np.float32],
+    mean: NDArray[np.float32],
+    square: NDArray[np.float32],
+    rate: np.float32,
+    inverse_root: np.float32,
+) -> None:
+    """One step; the two scalars correct the bias of the moments [P]."""
+    keep_1, keep_2, epsilon = np.float32(BETA_1), np.float32(BETA_2), np.float32(EPSILON)
+    take_1, take_2 = np.float32(1 - BETA_1), np.float32(1 - BETA_2)
+    for i in range(len(values)):
+        mean[i] = keep_1 * mean[i] + take_1 * gradient[i]
+        square[i] = keep_2 * square[i] + take_2 * (gradient[i] * gradient[i])
+        values[i] -= rate * mean[i] / (np.sqrt(square[i]) * inverse_root + epsilon)

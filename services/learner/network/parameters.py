@@ -1,0 +1,42 @@
+"""A network's parameters as views of one flat tensor, and their gradients as views of another.
+
+So what is done to all of them is one call: a step of Adam, a norm, a soft update. Weights lie transposed, a row an
+input, so that an input of zero leaves out a whole row (as in `common.policy.packing`). Every view begins on a cache
+line: torch's kernels give the same bits for the same numbers only at the same alignment. The gaps stay zero.
+"""
+
+import torch
+from torch import Tensor, nn
+
+LINE = 16  # float32 numbers of a cache line
+
+
+class Parameters:
+    """A copy of the parameters of `network`, and room for their gradients."""
+
+    def __init__(self, network: nn.Module) -> None:
+        self._shapes = {name: parameter.shape for name, parameter in network.named_parameters()}
+        self._starts: dict[str, int] = {}
+        length = 0
+        for name, shape in self._shapes.items():
+            self._starts[name] = length
+            length += -(-shape.numel() // LINE) * LINE
+        self.flat, self.flat_gradient = torch.zeros(length), torch.zeros(length)
+        for name, parameter in network.named_parameters():
+            self.named(self.flat)[name].copy_(parameter.detach())
+
+    def named(self, flat: Tensor) -> dict[str, Tensor]:
+        """Views of a tensor like `flat` with the names and shapes that they have in the network."""
+        return {name: self._view(flat, name).t() for name in self._shapes}
+
+    def value(self, name: str) -> Tensor:
+        """The view of a parameter: weights [in, out], biases [out]."""
+        return self._view(self.flat, name)
+
+    def gradient(self, name: str) -> Tensor:
+        """The view of a parameter's gradient, as `value`."""
+        return self._view(self.flat_gradient, name)
+
+    def _view(self, flat: Tensor, name: str) -> Tensor:
+        start, shape = self._starts[name], self._shapes[name]
+        return flat[start : start + shape.numel()].view(*reversed(shape))

@@ -1,0 +1,96 @@
+"""Linear layers over rows that are mostly zeros: only the weights of what is not zero are read.
+
+About 95% of a tree observation is exact zeros (see `common.rail.normalise`), and the first layer has most of a
+network's weights. Sums run over a row's own non-zeros in ascending order.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from common.kernel import bare_kernel
+
+_Floats = NDArray[np.float32]
+_Ints = NDArray[np.int64]
+
+
+class SparseRows(NamedTuple):
+    """What is not zero in R rows of F numbers, row after row.
+
+    Attributes:
+        shape: [..., F], of the tensor that it was; R is the product of all but F.
+        starts: [R + 1], where each row begins in the other two.
+        columns: [more than all], in ascending order for each row.
+        values: [more than all].
+    """
+
+    shape: torch.Size
+    starts: _Ints
+    columns: _Ints
+    values: _Floats
+
+    @property
+    def n_rows(self) -> int:
+        return len(self.starts) - 1
+
+
+def sparse_rows(x: Tensor) -> SparseRows:
+    """The rows of x [..., F] float32, contiguous."""
+    dense = x.numpy().reshape(-1, x.shape[-1])
+    starts = np.empty(len(dense) + 1, np.int64)
+    columns, values = np.empty(dense.size + 1, np.int64), np.empty(dense.size + 1, np.float32)
+    find(dense, starts, columns, values)
+    return SparseRows(x.shape, starts, columns, values)
+
+
+@bare_kernel
+def find(x: _Floats, starts: _Ints, columns: _Ints, values: _Floats) -> None:
+    """Fill a `SparseRows` from x [R, F]. There is no branch: each number is written where the next one belongs."""
+    count = 0
+    for row in range(len(x)):
+        starts[row] = count
+        for column in range(x.shape[1]):
+            columns[count] = column
+            values[count] = x[row, column]
+            count += x[row, column] != np.float32(0)
+    starts[len(x)] = count
+
+
+@bare_kernel
+def multiply(  # noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
+    starts: _Ints, columns: _Ints, values: _Floats, weight: _Floats, bias: _Floats, out: _Floats
+) -> None:
+    """Let `out` be x weight + bias, for weight [F, H], bias [H], out [R, H].
+
+    Four rows of the weights at a time, to load and store the sums less often.
+    """
+    for row in range(len(out)):
+        sums, first, last = out[row], starts[row], starts[row + 1]
+        for k in range(len(bias)):
+            sums[k] = bias[k]
+        whole = first + (last - first) // 4 * 4
+        for at in range(first, whole, 4):
+            x0, x1, x2, x3 = values[at], values[at + 1], values[at + 2], values[at + 3]
+            w0, w1 = weight[columns[at]], weight[columns[at + 1]]
+            w2, w3 = weight[columns[at + 2]], weight[columns[at + 3]]
+            for k in range(len(bias)):
+                sums[k] = sums[k] + x0 * w0[k] + x1 * w1[k] + x2 * w2[k] + x3 * w3[k]
+        for at in range(whole, last):
+            x0, w0 = values[at], weight[columns[at]]
+            for k in range(len(bias)):
+                sums[k] += x0 * w0[k]
+
+
+@bare_kernel
+def accumulate(starts: _Ints, columns: _Ints, values: _Floats, gradient: _Floats, out: _Floats) -> None:
+    """Let `out` be x^T gradient, the gradient of the weights [F, H], from that of the sums [R, H]."""
+    out[:] = np.float32(0)
+    for row in range(len(gradient)):
+        sums = gradient[row]
+        for at in range(starts[row], starts[row + 1]):
+            x, weights = values[at], out[columns[at]]
+            for k in range(len(sums)):
+                weights[k] += x * sums[k]

@@ -1,0 +1,203 @@
+"""Rows of numbers, most of them zero, in a ring: only what is not zero is kept, bit for bit.
+
+Nine tenths of an observation are +0.0, padding above all. A row is kept as the number n of its other values, these, and
+where they stand, in an arena of 32-bit words that is itself a ring, since items leave in the order in which they came;
+it grows when they do not fit. Any row is kept exactly: -0.0 and NaN are values like others, and a row without a zero
+only takes more room.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.kernel import bare_kernel
+
+Words = NDArray[np.uint32]
+Rows = tuple[Words, ...]  # [B, F] each: the bits of float32
+
+
+class RowRing:
+    """At most `capacity` items of `n_rows` rows [F]. Items are numbered as they come; i lies at place i % capacity."""
+
+    def __init__(self, capacity: int, n_rows: int, n_features: int) -> None:
+        self._capacity = capacity
+        self._n_rows = n_rows
+        self._n_features = n_features
+        self._position: np.dtype[Any] = np.min_scalar_type(n_features)  # uint8 for the study's 252
+        self._largest = n_rows * int(room(n_features, self._position.itemsize))  # words of an item without a zero
+        self._ends = np.zeros((capacity, 2), np.int64)  # where in the arena an item starts, and what follows it
+        self._words = np.empty(0, np.uint32)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all arrays."""
+        return self._ends.nbytes + self._words.nbytes
+
+    def add(self, rows: Rows, first: int) -> None:
+        """Add M items, at most the capacity, the first of them being the `first`-th ever."""
+        if any(row.shape != (len(rows[0]), self._n_features) for row in rows):
+            raise ValueError(f"rows have {self._n_features} values here, not {[row.shape for row in rows]}")
+        done = 0
+        while True:
+            done += put(rows, done, first + done, self._ends, *self._arena)
+            if done == len(rows[0]):
+                return
+            self._grow(first + done)
+
+    def gather(self, places: NDArray[np.int64], out: Rows) -> None:
+        """Write the first rows of the items at `places` [B] into as many `out`; place -1 gives zeros."""
+        expand(places, self._ends, *self._arena, out)
+
+    def state(self, size: int) -> Words:
+        """The items at places 0..size-1, one behind the other."""
+        ends = self._ends[:size].copy()
+        words = np.empty(int((ends[:, 1] - ends[:, 0]).sum()), np.uint32)
+        relay(np.arange(size), ends, self._words, words)
+        return words
+
+    def located(self, words: Words, size: int) -> NDArray[np.int64]:
+        """Where each of the `size` items of a `state` starts and ends, [size, 2].
+
+        Raises:
+            ValueError: they are not so many items of such rows.
+        """
+        ends = np.zeros((size, 2), np.int64)
+        if not locate(words, words.view(self._position), self._n_rows, self._n_features, ends):
+            raise ValueError(f"{len(words)} words are not {size} times {self._n_rows} rows of {self._n_features}")
+        return ends
+
+    def restore(self, words: Words, ends: NDArray[np.int64], oldest: int) -> None:
+        """Take on a `state` as the newest items ever; the oldest of them lies at place `oldest`."""
+        size = len(ends)
+        self._ends[:size] = ends
+        self._words = np.empty_like(words)
+        relay((oldest + np.arange(size)) % max(size, 1), self._ends, words, self._words)
+
+    @property
+    def _arena(self) -> tuple[Words, NDArray[Any]]:
+        """The same memory twice: as words, and as positions."""
+        return self._words, self._words.view(self._position)
+
+    def _grow(self, number: int) -> None:
+        """Make the arena larger before item `number` comes, so that it fits."""
+        order = np.arange(max(0, number - self._capacity + 1), number) % self._capacity
+        live = int((self._ends[order, 1] - self._ends[order, 0]).sum())
+        # Not zeros: the kernel gives pages to this memory only as it fills.
+        words = np.empty(live + live // 4 + self._largest + 1, np.uint32)
+        relay(order, self._ends, self._words, words)
+        self._words = words
+
+
+@bare_kernel
+def room(length: int, width: int) -> int:
+    """Words of a row of so many values that are not zero, with positions of `width` bytes."""
+    return 1 + length + (length * width + 3) // 4
+
+
+@bare_kernel
+def put(rows: Rows, begin: int, first: int, ends: NDArray[np.int64], words: Words, positions: NDArray[Any]) -> int:
+    """Add items from `begin` on until one does not fit; returns how many did.
+
+    The live items lie from `head`, where the oldest starts, to `tail`, where the newest ends, perhaps around the end of
+    the arena, but never across it: an item that does not fit before the end starts at 0. The tail stops short of the
+    head, so that the two meet only where nothing is kept.
+    """
+    capacity, size, width = len(ends), len(words), positions.itemsize
+    for item in range(begin, len(rows[0])):
+        number = first + item - begin
+        oldest = max(0, number - capacity + 1)  # who lies where this item goes has gone
+        head = tail = 0
+        if oldest < number:
+            head, tail = ends[oldest % capacity, 0], ends[(number - 1) % capacity, 1]
+        needed = 0
+        for row in rows:
+            length = 0
+            for value in row[item]:
+                length += value != 0
+            needed += room(length, width)
+        around = tail >= head and tail + needed > size
+        start = 0 if around else tail
+        limit = head if around or tail < head else size + 1
+        if start + needed >= limit:
+            return item - begin
+        ends[number % capacity, 0] = start
+        for row in rows:
+            start = squeeze(row[item], start, words, positions)
+        ends[number % capacity, 1] = start
+    return len(rows[0]) - begin
+
+
+@bare_kernel
+def squeeze(row: Words, start: int, words: Words, positions: NDArray[Any]) -> int:
+    """Write a row [F] from word `start` on; returns where it ends."""
+    end = start + 1
+    for value in row:
+        if value != 0:
+            words[end] = value
+            end += 1
+    length, per_word = end - start - 1, 4 // positions.itemsize
+    words[start] = length
+    after = start + room(length, positions.itemsize)
+    if after > end:
+        words[after - 1] = 0  # or what is left of the last word would be anything
+    cell = end * per_word
+    for position in range(len(row)):
+        if row[position] != 0:
+            positions[cell] = position
+            cell += 1
+    return after
+
+
+@bare_kernel
+def expand(places: NDArray[np.int64], ends: NDArray[np.int64], words: Words, positions: NDArray[Any], out: Rows) -> int:
+    """Write the rows at `places` [B] into `out`, [B, F] each; see `RowRing.gather`. What it returns means nothing."""
+    touched = 0  # memory is slow, but serves many at a time: all is asked for before anything is waited for
+    for place in places:
+        start = ends[max(place, 0), 0]
+        touched += words[start] + words[min(start + 16, len(words) - 1)] + words[min(start + 32, len(words) - 1)]
+    per_word = 4 // positions.itemsize
+    for item in range(len(places)):
+        start = ends[max(places[item], 0), 0]
+        for row in out:
+            row[item, :] = 0
+            if places[item] >= 0:
+                length = np.int64(words[start])
+                cell = (start + 1 + length) * per_word
+                for value in range(length):
+                    row[item, positions[cell + value]] = words[start + 1 + value]
+                start += room(length, positions.itemsize)
+    return touched
+
+
+@bare_kernel
+def relay(order: NDArray[np.int64], ends: NDArray[np.int64], words: Words, new_words: Words) -> None:
+    """Lay the items at places `order` into a new arena, one behind the other; `ends` follows."""
+    end = 0
+    for place in order:
+        start, length = ends[place, 0], ends[place, 1] - ends[place, 0]
+        for word in range(length):
+            new_words[end + word] = words[start + word]
+        ends[place, 0], ends[place, 1] = end, end + length
+        end += length
+
+
+@bare_kernel
+def locate(words: Words, positions: NDArray[Any], n_rows: int, n_features: int, ends: NDArray[np.int64]) -> bool:
+    """Fill `ends` with where each item starts and ends; whether all words are used and every position exists."""
+    start, per_word = 0, 4 // positions.itemsize
+    for item in range(len(ends)):
+        ends[item, 0] = start
+        for _ in range(n_rows):
+            if start >= len(words) or words[start] > n_features:
+                return False
+            length = np.int64(words[start])
+            cell = (start + 1 + length) * per_word
+            start += room(length, positions.itemsize)
+            if start > len(words):
+                return False
+            for value in range(length):
+                if positions[cell + value] >= n_features:
+                    return False
+        ends[item, 1] = start
+    return start == len(words)
