@@ -14,6 +14,7 @@ from services.learner.replay.replay import Replay
 COLUMNS = {
     "action_tm1": np.int8,
     "return_t": np.float32,
+    "least_return_t": np.float32,
     "log_probability_tm1": np.float32,
     "value_tm1": np.float32,
 }
@@ -27,6 +28,7 @@ class Experience(NamedTuple):
     observation_tm1: Tensor  # [B, F] float32
     action_tm1: Tensor  # [B] int64
     return_t: Tensor  # [B] float32
+    least_return_t: Tensor  # [B] float32, if the trains that the step limit stopped never arrive
     log_probability_tm1: Tensor  # [B] float32, of the action when it was chosen
     value_tm1: Tensor  # [B] float32, the critic's when the action was chosen
 

@@ -18,7 +18,7 @@ from services.learner.learning import Learning
 from services.learner.network.policies import PolicyNetwork
 from services.learner.network.sparse import sparse_rows
 from services.learner.replay.transitions import check_order
-from services.learner.returns import decision_returns
+from services.learner.returns import LEAST, decision_returns
 
 
 class PolicyRule(Protocol):
@@ -107,11 +107,13 @@ class PolicyTrainer:
         self._rule.restore(parts["rule"])
 
     def _experience(self, episode: Episode) -> Experience:
-        final_values = self._network.values(sparse_rows(torch.tensor(episode.final_observations))).numpy()
+        final = episode.final_observations
+        values = self._network.values(sparse_rows(torch.tensor(final))).numpy()
         return Experience(
             observation_tm1=torch.tensor(episode.observations),
             action_tm1=torch.tensor(episode.actions, dtype=torch.int64),
-            return_t=torch.tensor(decision_returns(episode, final_values, self._discount)),
+            return_t=torch.tensor(decision_returns(episode, values, self._discount)),
+            least_return_t=torch.tensor(decision_returns(episode, np.full_like(values, LEAST), self._discount)),
             log_probability_tm1=torch.tensor(episode.log_probabilities),
             value_tm1=torch.tensor(episode.values),
         )

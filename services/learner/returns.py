@@ -16,33 +16,44 @@ a train follows the rails and nothing is decided or trained on. What the text le
 import numpy as np
 from numpy.typing import NDArray
 
+from common.kernel import bare_kernel
 from common.records import Episode
 
-
-def monte_carlo_returns(
-    rewards: NDArray[np.float32], arrived_at: NDArray[np.int32], final_values: NDArray[np.float32], discount: float
-) -> NDArray[np.float32]:
-    """What each train gets from each step on, scaled by 1 - gamma.
-
-    Args:
-        rewards: [T, N].
-        arrived_at: [N], -1 for a train that the step limit stopped.
-        final_values: [N], scaled values of what such trains saw last; of others not looked at.
-        discount: gamma, a step, less than 1.
-
-    Returns:
-        [T, N], summed in float64.
-    """
-    returns = np.empty(rewards.shape, np.float32)
-    following = np.where(arrived_at < 0, final_values.astype(np.float64), 0.0)
-    for step in range(len(rewards) - 1, -1, -1):
-        following = (1 - discount) * rewards[step] + discount * following
-        returns[step] = following
-    return returns
+LEAST = -1.0  # scaled: what a train is worth that pays 1 a step for ever
 
 
 def decision_returns(episode: Episode, final_values: NDArray[np.float32], discount: float) -> NDArray[np.float32]:
-    """The returns [D] of an episode's decisions; see `monte_carlo_returns`."""
-    returns = monte_carlo_returns(episode.rewards, episode.arrived_at, final_values, discount)
+    """What the trains get from each decision of an episode on.
+
+    Args:
+        episode: whole.
+        final_values: [N], scaled values of what trains saw last that the step limit stopped; of others not looked at.
+        discount: gamma, a step, less than 1.
+
+    Returns:
+        [D], scaled by 1 - gamma.
+    """
+    following = np.where(episode.arrived_at < 0, final_values, np.float32(0))
+    returns = np.empty(episode.rewards.shape, np.float32)
+    accumulate(np.ascontiguousarray(episode.rewards), following, discount, returns)
     decided: NDArray[np.float32] = returns[episode.times, episode.trains]
     return decided
+
+
+@bare_kernel
+def accumulate(
+    rewards: NDArray[np.float32], following: NDArray[np.float32], discount: float, returns: NDArray[np.float32]
+) -> None:
+    """Fill `returns` [T, N] with discounted sums of rewards [T, N], scaled by 1 - gamma, in float64.
+
+    Args:
+        rewards: [T, N].
+        following: [N], what comes after the last step, scaled.
+        discount: gamma.
+        returns: [T, N], overwritten.
+    """
+    for train in range(rewards.shape[1]):
+        sum_from = np.float64(following[train])
+        for step in range(len(rewards) - 1, -1, -1):
+            sum_from = (1.0 - discount) * rewards[step, train] + discount * sum_from
+            returns[step, train] = sum_from

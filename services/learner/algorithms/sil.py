@@ -6,6 +6,9 @@ A decision is taught if its return exceeds the critic's value, in proportion to 
 its priority in the replay: first with the value when it was made, then with that of the last batch it was in.
 
 What the text leaves open:
+- Returns here take a train that the step limit stopped as one that never arrives. Imitation rests on returns being less
+  than the best policy's values (section 3.2 of Oh et al., who have no step limit); the critic's guess of what follows
+  is not, and an early, hopeful one would stay in the replay and be imitated, with all that led to being stuck.
 - Means are over the whole batch; decisions that did not turn out well count as zeros.
 - No weights of importance. That prioritised batches are not uniform is what they are for here (the text: "ensure that
   each sampled batch contains more than average positive experiences"), and weights divided by the largest of a batch
@@ -73,7 +76,7 @@ class SelfImitation:
 
     def learn(self, new: Experience) -> list[dict[str, float]]:
         rows = self._on_policy.learn(new)
-        self._replay.add(new, _positive(new.return_t - new.value_tm1))
+        self._replay.add(new, _positive(new.least_return_t - new.value_tm1))
         if len(self._replay) < self._config.batch_size:
             return rows
         return rows + [self._imitate() for _ in range(self._config.epochs)]
@@ -91,9 +94,9 @@ class SelfImitation:
         """One step of Adam on `policy loss + beta * value loss`, then new priorities."""
         batch, places = self._replay.sample(self._config.batch_size)
         logits, value = self._network.outputs(sparse_rows(batch.observation_tm1))
-        gain = (batch.return_t - value).detach().clamp(min=0)
+        gain = (batch.least_return_t - value).detach().clamp(min=0)
         policy_loss = imitation_policy_loss(log_probability(logits, batch.action_tm1), gain).mean()
-        value_loss = imitation_value_loss(value, batch.return_t).mean()
+        value_loss = imitation_value_loss(value, batch.least_return_t).mean()
         loss = policy_loss + self._config.value_weight * value_loss
         check_finite(loss)
         gradient_norm = self._network.descend(loss)

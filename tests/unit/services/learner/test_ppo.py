@@ -77,6 +77,7 @@ def batch_of(actions, returns, values=None, log_probabilities=None):
         observation_tm1=torch.zeros(count, 1),
         action_tm1=torch.tensor(actions),
         return_t=torch.tensor(returns),
+        least_return_t=torch.tensor(returns),
         log_probability_tm1=torch.tensor(log_probabilities or [math.log(0.5)] * count),
         value_tm1=torch.tensor(values or [-0.5] * count),
     )

@@ -4,14 +4,24 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from test_training import make_episode
 
-from services.learner.returns import monte_carlo_returns
+from services.learner.returns import decision_returns
 
 
 def returns(rewards, arrived_at, final_values, discount=0.5):
-    return monte_carlo_returns(
-        np.array(rewards, np.float32), np.array(arrived_at, np.int32), np.array(final_values, np.float32), discount
+    """From every step on, as if all trains decided on all steps."""
+    rewards = np.array(rewards, np.float32)
+    times, trains = np.nonzero(np.ones_like(rewards))
+    episode = make_episode(0).model_copy(
+        update={
+            "rewards": rewards,
+            "arrived_at": np.array(arrived_at, np.int32),
+            "times": times.astype(np.int32),
+            "trains": trains.astype(np.int32),
+        }
     )
+    return decision_returns(episode, np.array(final_values, np.float32), discount).reshape(rewards.shape)
 
 
 def test_a_train_that_the_limit_stopped_is_worth_what_it_saw_last():
