@@ -84,3 +84,12 @@ def test_no_imitation_before_the_replay_holds_a_batch():
     rule, _, _ = make_rule(epochs=3, batch_size=3)
     assert len(rule.learn(batch_of([0, 1], [-0.9, -0.1]))) == 1
     assert len(rule.learn(batch_of([0, 1], [-0.9, -0.1]))) == 4
+
+
+def test_what_a_stopped_train_might_still_have_got_is_not_imitated():
+    rule, _, replay = make_rule(value_weight=1.0)
+    hopeful = batch_of([0, 1], [-0.1, -0.1])._replace(least_return_t=torch.tensor([-0.9, -0.4]))
+    _, sil = rule.learn(hopeful)
+    assert replay.given[0] == pytest.approx([0, 0.1])
+    assert sil["sil_gain"] == pytest.approx(0.1)
+    assert sil["sil_value_loss"] == pytest.approx(0.005)
