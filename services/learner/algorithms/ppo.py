@@ -8,6 +8,9 @@ Deviations, all of them the study's own text unless said otherwise:
 - Advantages are Monte Carlo returns less the value of the critic as it is at each epoch, not as it was when acting; no
   generalised advantage estimate, no minibatches. Returns are scaled, see `services.learner.returns`.
 - The gradients of actor and critic, two networks that share nothing, are clipped each.
+- Ours: the actor's advantages are standardised over the batch, a common detail (Engstrom et al. 2020). As returns are
+  scaled to [-1, 0], they would weigh little beside the entropy bonus otherwise; and while the critic lags behind,
+  which it does after each good or bad episode, all actions of an episode would be praised or blamed together.
 - Ours: means are over decisions; the text counts the masked steps between them with a loss of zero.
 """
 
@@ -26,6 +29,8 @@ from services.learner.network.policies import PolicyNetwork
 from services.learner.network.sparse import SparseRows, sparse_rows
 from services.learner.policy_training import PolicyTrainer, build_network
 
+FLOOR = 1e-3  # of scaled advantages: a tenth of a step; lesser differences are not blown up to 1
+
 
 def log_probability(logits: Tensor, action: Tensor) -> Tensor:
     """The logarithm of the probability that softmax gives to the actions taken.
@@ -38,6 +43,18 @@ def log_probability(logits: Tensor, action: Tensor) -> Tensor:
         [B].
     """
     return torch.log_softmax(logits, -1).gather(-1, action.unsqueeze(-1)).squeeze(-1)
+
+
+def standardised(advantage: Tensor) -> Tensor:
+    """Advantages less their mean, over their standard deviation and a little, `FLOOR`.
+
+    Args:
+        advantage: [B].
+
+    Returns:
+        [B]; zero if there is but one.
+    """
+    return (advantage - advantage.mean()) / (advantage.std(correction=0) + FLOOR)
 
 
 def clipped_surrogate(ratio: Tensor, advantage: Tensor, clip: float) -> Tensor:
@@ -114,7 +131,7 @@ class Ppo:
         error = (batch.return_t - value).detach()
         log_ratio = log_probability(logits, batch.action_tm1) - batch.log_probability_tm1
         ratio = log_ratio.exp()
-        policy_loss = -clipped_surrogate(ratio, error, config.clip).mean()
+        policy_loss = -clipped_surrogate(ratio, standardised(error), config.clip).mean()
         value_loss = clipped_value_loss(value, batch.value_tm1, batch.return_t, config.clip).mean()
         bonus = entropy(logits).mean()
         loss = policy_loss + config.value_weight * value_loss - config.entropy_weight * bonus

@@ -9,7 +9,14 @@ import torch
 from common.config import NetworkConfig, PpoConfig
 from common.policy.actor_critic import build_actor_critic
 from common.policy.networks import import_parameters
-from services.learner.algorithms.ppo import Ppo, clipped_surrogate, clipped_value_loss, entropy, log_probability
+from services.learner.algorithms.ppo import (
+    Ppo,
+    clipped_surrogate,
+    clipped_value_loss,
+    entropy,
+    log_probability,
+    standardised,
+)
 from services.learner.experience import Experience
 from services.learner.network.policies import PolicyNetwork
 from services.learner.network.sparse import sparse_rows
@@ -19,6 +26,13 @@ def test_log_probability_by_hand():
     logits = torch.tensor([[0.0, math.log(3)], [5.0, 5.0]])
     got = log_probability(logits, torch.tensor([1, 0]))
     torch.testing.assert_close(got, torch.tensor([math.log(0.75), math.log(0.5)]))
+
+
+def test_standardised_by_hand():
+    got = standardised(torch.tensor([0.4, -0.2]))  # mean 0.1, deviation 0.3
+    torch.testing.assert_close(got, torch.tensor([0.3 / 0.301, -0.3 / 0.301]))
+    assert standardised(torch.tensor([5.0])).tolist() == [0]
+    assert standardised(torch.tensor([5.0, 5.0])).tolist() == [0, 0]
 
 
 @pytest.mark.parametrize(
@@ -90,18 +104,19 @@ def update(config, network, batch):
 def test_an_update_by_hand():
     config = PpoConfig(**SETTINGS)
     network = make_network(config)
-    # Advantages 0.4 and -0.2. Ratios are 1: dL/dlogits is -(0.4 * (0.5, -0.5) - 0.2 * (-0.5, 0.5)) / 2 =
-    # (-0.15, 0.15); dL/dvalue is 0.5 * 2 * -(0.4 - 0.2) / 2 = -0.1. Adam's first step is the sign times the rate.
+    # Advantages 0.4 and -0.2, standardised 1 and -1, but for the floor. Ratios are 1: dL/dlogits is
+    # -(1 * (0.5, -0.5) - 1 * (-0.5, 0.5)) / 2 = (-0.5, 0.5); dL/dvalue is 0.5 * 2 * -(0.4 - 0.2) / 2 = -0.1.
+    # Adam's first step is the sign times the rate.
     metrics = update(config, network, batch_of([0, 1], [-0.1, -0.7]))
     assert metrics == pytest.approx(
         {
-            "policy_loss": -0.1,  # -(0.4 - 0.2) / 2
+            "policy_loss": 0.0,  # -(1 - 1) / 2
             "value_loss": 0.1,  # (0.16 + 0.04) / 2
             "entropy": math.log(2),
             "value_error": 0.3,
             "clip_share": 0.0,
             "kl": 0.0,
-            "gradient_norm": math.sqrt(2 * 0.15**2 + 0.1**2),
+            "gradient_norm": math.sqrt(2 * (0.5 * 0.3 / 0.301) ** 2 + 0.1**2),
         },
         rel=1e-5,
         abs=1e-7,
@@ -117,7 +132,7 @@ def test_a_policy_that_has_moved_is_told():
     metrics = update(config, make_network(config), batch_of([0, 1], [-0.4, -0.5], log_probabilities=old))
     assert metrics["clip_share"] == 0.5
     assert metrics["kl"] == pytest.approx((1 - math.log(2)) / 2)
-    assert metrics["policy_loss"] == pytest.approx(-1.2 * 0.1 / 2)
+    assert metrics["policy_loss"] == pytest.approx(-(1.2 - 1) / 2 * 0.05 / 0.051, rel=1e-4)
 
 
 def test_the_entropy_bonus_keeps_the_policy_undecided():
