@@ -12,7 +12,7 @@ import numpy as np
 from common.config import DqnConfig, NetworkConfig, ReplayConfig
 from common.policy.determinism import deterministic_torch
 from common.records import Episode
-from services.learner.training import Trainer
+from services.learner.learning import Learning, build_trainer
 
 N_FEATURES, N_ACTIONS, TRAINS, STEPS, EPISODES = 252, 5, 3, 60, 6
 
@@ -52,15 +52,17 @@ def made_up_episode(number: int) -> Episode:
 
 def main() -> None:
     deterministic_torch()
-    trainer = Trainer(
+    learning = Learning(
         seed=1,
+        episodes=EPISODES,
         discount=0.99,
         network=NetworkConfig(kind="dueling"),
+        dqn=DqnConfig(learning_rate=3e-4, batch_size=150, learn_every_steps=5, target_tau=0.01),
+        replay=ReplayConfig(kind="prioritized", capacity=1000),
         n_features=N_FEATURES,
         n_actions=N_ACTIONS,
-        dqn=DqnConfig(learning_rate=3e-4, batch_size=150, learn_every_steps=5, target_tau=0.01),
-        replay=ReplayConfig(capacity=1000),
     )
+    trainer = build_trainer("dqn", learning)
     for number in range(EPISODES):
         trainer.train(made_up_episode(number))
     state = hashlib.blake2b(digest_size=16)

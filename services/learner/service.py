@@ -14,7 +14,6 @@ from common.checkpoint import Tensors
 from common.config import Difficulty, RunConfig
 from common.process import Fatal, Place
 from common.rail.normalise import N_FEATURES
-from common.rail.world import N_ACTIONS
 from common.records import (
     CheckpointFile,
     CheckpointNotice,
@@ -36,10 +35,10 @@ from common.seeding import training_level_seed
 from common.wire import keys
 from common.wire.keys import Alive
 from services.learner.archive import KEPT_SNAPSHOTS, Archive
+from services.learner.learning import Learning, build_trainer
 from services.learner.ledger import Ledger
 from services.learner.replay.transitions import check_order
 from services.learner.schedule import difficulties
-from services.learner.training import Trainer
 
 log = logging.getLogger(__name__)
 
@@ -64,17 +63,10 @@ class Learner:
         self._place = place
         self._config: RunConfig = place.config
         self._archive = Archive(place.folder, place.config)
-        if self._config.dqn is None or self._config.replay is None:
-            raise Fatal(f"rule {self._config.rule} is not here yet")
-        self._trainer = Trainer(
-            seed=self._config.seed,
-            discount=self._config.discount,
-            network=self._config.network,
-            dqn=self._config.dqn,
-            replay=self._config.replay,
-            n_features=N_FEATURES,
-            n_actions=N_ACTIONS,
-        )
+        try:
+            self._trainer = build_trainer(self._config.rule, Learning.of(self._config))
+        except ValueError as error:
+            raise Fatal(str(error)) from None
         self._weights: dict[int, Weights] = {}
         snapshot = self._archive.resume()
         if snapshot is not None:

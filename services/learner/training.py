@@ -1,101 +1,154 @@
-"""Training on one episode after another: replay, algorithm and counters, with neither bus nor disk.
+"""Training on one episode after another: replay, value method and counters, with neither bus nor disk.
 
-The walk restores the text's interleaving: an episode comes whole, but its transitions enter the replay in the
-order in which they were completed, and updates fall between them, one every `learn_every_steps` environment
+The walk restores the text's interleaving: an episode comes whole or in fragments, but its transitions enter the replay
+in the order in which they were completed, and updates fall between them, one every `learn_every_steps` environment
 steps, as if the learner had stepped the world itself.
 """
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
-from common.config import DqnConfig, NetworkConfig, ReplayConfig
-from common.policy.networks import QNetwork, build_network, export_parameters
+from common.config import DqnConfig, ReplayConfig
 from common.records import Episode
 from common.seeding import stream_key
-from services.learner.algorithms.dqn import Dqn
-from services.learner.replay.transitions import transitions
-from services.learner.replay.uniform import UniformReplay
+from services.learner.learning import Learning
+from services.learner.replay.replay import Replay, Sample
+from services.learner.replay.transitions import COLUMNS, ROWS, TransitionMaker
 
 COUNTERS = ("episodes", "steps", "updates")
 
+Look = Callable[[Replay, Sample], tuple[Tensor, Tensor]]  # what the network sees before and after each transition
 
-class Trainer:
-    """Everything that learning changes: a function of the settings and of the episodes, in order."""
 
-    def __init__(  # noqa: PLR0913  (sections, not the whole config)
-        self,
-        *,
-        seed: int,
-        discount: float,
-        network: NetworkConfig,
-        dqn: DqnConfig,
-        replay: ReplayConfig,
-        n_features: int,
-        n_actions: int,
-    ) -> None:
-        self._seed = seed
-        self._discount = discount
-        self._config = dqn
-        self.network: QNetwork = build_network(network, n_features, n_actions, seed)
-        self._algorithm = Dqn(dqn, self.network)
-        self._replay = UniformReplay(replay.capacity, n_features)
+class Batch(NamedTuple):
+    """B transitions in memory that torch allocated; observations are [B, F], or sequences [L, B, F] that end there."""
+
+    observation_tm1: Tensor
+    action_tm1: Tensor  # [B] int64
+    reward_t: Tensor  # [B]
+    discount_t: Tensor  # [B]
+    observation_t: Tensor
+    weights: Tensor  # [B], of each transition's squared error
+
+
+class Update(NamedTuple):
+    """What came of a batch."""
+
+    error_sizes: NDArray[np.float32]  # [B]
+    metrics: dict[str, float]
+
+
+class ValueMethod(Protocol):
+    """Learns action values from batches."""
+
+    def update(self, batch: Batch) -> Update:
+        """Learn from a batch."""
+
+    def weights(self) -> dict[str, NDArray[np.float32]]:
+        """A copy of the parameters to act with."""
+
+    def state(self) -> dict[str, NDArray[np.float32]]:
+        """A copy of all that updates change."""
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take on a `state`; raises ValueError, naming the tensor that does not fit."""
+
+
+class Sections(NamedTuple):
+    """The sections of the configuration that value methods need."""
+
+    dqn: DqnConfig
+    replay: ReplayConfig
+
+
+def value_sections(rule: str, learning: Learning, kinds: Sequence[str]) -> Sections:
+    """What `rule` needs of the configuration.
+
+    Raises:
+        ValueError: one is missing, or the network is none of `kinds`.
+    """
+    if learning.dqn is None:
+        raise ValueError(f"rule {rule} needs section dqn: give dqn.learning_rate, batch_size and learn_every_steps")
+    if learning.replay is None:
+        raise ValueError(f"rule {rule} needs section replay: give replay.capacity")
+    if learning.network.kind not in kinds:
+        raise ValueError(f"rule {rule} cannot train network.kind {learning.network.kind}: make it {' or '.join(kinds)}")
+    return Sections(learning.dqn, learning.replay)
+
+
+class ValueTrainer:
+    """The trainer of value methods; see `learning.Trainer`."""
+
+    def __init__(self, learning: Learning, sections: Sections, method: ValueMethod, look: Look) -> None:
+        """`look` gives the observations of a batch."""
+        self._config, self._replay_config = sections
+        self._learning = learning
+        self._method = method
+        self._look = look
+        self._maker = TransitionMaker(learning.discount)
+        self._replay = Replay(self._replay_config, COLUMNS, ROWS, learning.n_features)
         self._counters = dict.fromkeys(COUNTERS, 0)
 
-    @property
-    def episodes(self) -> int:
-        """Episodes trained on so far: the version of `weights`."""
-        return self._counters["episodes"]
-
     def train(self, episode: Episode) -> dict[str, float]:
-        """Add an episode's transitions, and make the updates that fall due on its steps.
+        """Add the transitions that an episode, or its next fragment, completes; make the updates that fall due.
 
-        An update falls due every `learn_every_steps` environment steps, counted across episodes, and is left
-        out as long as the replay holds less than a batch.
+        An update falls due every `learn_every_steps` environment steps, counted across episodes, and is left out as
+        long as the replay holds less than a batch.
 
         Returns:
-            `updates` and `transitions`, how many there were; and, if there were any updates, the means of
-            their metrics: `loss`, `mean_q`, `gradient_norm`.
+            `updates` and `transitions`, how many there were; what the replay tells; and, if there were any updates, the
+            means of their metrics.
 
         Raises:
-            ValueError: the episode does not fit the network, or its decisions are out of order.
+            ValueError: the episode does not fit the network, is not the next fragment, or its decisions are out of
+                order.
         """
         n_features = episode.observations.shape[1]
-        if n_features != self.network.n_features:
+        if n_features != self._learning.n_features:
             raise ValueError(
-                f"episode {episode.episode} has {n_features} features, the network {self.network.n_features}"
+                f"episode {episode.episode} has {n_features} features, the network {self._learning.n_features}"
             )
-        new = transitions(episode, self._discount)
+        new = self._maker.take(episode)
         metrics: list[dict[str, float]] = []
-        added = 0
-        for step in self._learning_steps(episode.rewards.shape[0]):
-            known = int(np.searchsorted(new.completed_at, step, side="right"))
+        added, steps = 0, len(episode.rewards)
+        for step in self._learning_steps(steps):
+            known = int(np.searchsorted(new.completed_at, episode.first_step + step, side="right"))
             self._replay.add(new[added:known])
             added = known
             if len(self._replay) >= self._config.batch_size:
                 metrics.append(self._update())
         self._replay.add(new[added:])
-        self._counters["steps"] += episode.rewards.shape[0]
-        self._counters["episodes"] += 1
+        self._counters["steps"] += steps
+        self._counters["episodes"] += episode.over
         means = {name: float(np.mean([row[name] for row in metrics])) for name in metrics[0]} if metrics else {}
-        return {"updates": float(len(metrics)), "transitions": float(len(new)), **means}
+        return {"updates": float(len(metrics)), "transitions": float(len(new)), **self._replay.telling(), **means}
 
     def weights(self) -> dict[str, NDArray[np.float32]]:
         """A copy of the network's parameters."""
-        return export_parameters(self.network)
+        return self._method.weights()
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """A copy of everything: `algorithm/*`, `replay/*`, and the counters, int64."""
+        """A copy of everything: `algorithm/*`, `replay/*`, and the counters, int64.
+
+        Raises:
+            ValueError: an episode is open.
+        """
+        if self._maker.is_open:
+            raise ValueError("there is no state within an episode: train on its last fragment first")
         return {
-            **{f"algorithm/{name}": array for name, array in self._algorithm.state().items()},
+            **{f"algorithm/{name}": array for name, array in self._method.state().items()},
             **{f"replay/{name}": array for name, array in self._replay.state().items()},
             **{f"trainer/{name}": np.array(count, np.int64) for name, count in self._counters.items()},
         }
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take on a `state` of a trainer with the same settings: all that follows is the same to the bit.
+
+        An episode that is open is left.
 
         Raises:
             ValueError: naming the tensor that is missing, unknown or does not fit.
@@ -108,18 +161,30 @@ class Trainer:
             parts[part][rest] = array
         if different := sorted(set(parts["trainer"]) ^ set(COUNTERS)):
             raise ValueError(f"tensor trainer/{different[0]} is missing or unknown: wants {', '.join(COUNTERS)}")
-        self._algorithm.restore(parts["algorithm"])
+        self._method.restore(parts["algorithm"])
         self._replay.restore(parts["replay"])
+        self._maker.forget()
         self._counters = {name: int(parts["trainer"][name]) for name in COUNTERS}
 
     def _learning_steps(self, steps: int) -> Iterator[int]:
-        """The steps 1..`steps` of this episode after which an update falls due."""
+        """The steps 1..`steps` from here after which an update falls due."""
         every = self._config.learn_every_steps
         return iter(range(every - self._counters["steps"] % every, steps + 1, every))
 
     def _update(self) -> dict[str, float]:
         number = self._counters["updates"]
-        rng = np.random.Generator(np.random.Philox(key=stream_key(self._seed, number, "replay")))
-        metrics = self._algorithm.update(self._replay.sample(self._config.batch_size, rng))
+        rng = np.random.Generator(np.random.Philox(key=stream_key(self._learning.seed, number, "replay")))
+        sample = self._replay.sample(self._config.batch_size, rng, self._beta)
+        columns = sample.columns
+        before, after = self._look(self._replay, sample)
+        batch = Batch(before, columns["action_tm1"], columns["reward_t"], columns["discount_t"], after, sample.weights)
+        update = self._method.update(batch)
+        self._replay.reprioritise(sample.places, update.error_sizes.astype(np.float64))
         self._counters["updates"] += 1
-        return metrics
+        return update.metrics
+
+    @property
+    def _beta(self) -> float:
+        """The exponent of the importance weights: from `replay.beta` in a run's first episode to 1 after its last."""
+        first, progress = self._replay_config.beta, self._counters["episodes"] / self._learning.episodes
+        return first + (1 - first) * min(1.0, progress)

@@ -1,4 +1,4 @@
-"""Each preset of deep Q-learning finds the optimal policy of a small world whose values are known.
+"""Each value method finds the optimal policy of a small world whose values are known.
 
 Four places; an action leads somewhere in some number of steps, each of which costs 1:
 
@@ -13,13 +13,13 @@ the shortest: whoever ignores how long a transition takes chooses wrongly.
 
 import numpy as np
 import pytest
-import torch
 
 from common.config import DqnConfig, NetworkConfig, ReplayConfig
-from common.policy.acting import EpsilonGreedy
+from common.policy.compiled import Twin
+from common.policy.packing import Layout
 from common.records import Episode
 from common.seeding import stream_key
-from services.learner.training import Trainer
+from services.learner.learning import Learning, build_trainer
 
 ARRIVED = 4
 NEXT = ((0, 1, 2), (0, 3, 2), (ARRIVED, 0, 2), (3, ARRIVED, 0))
@@ -29,23 +29,14 @@ STEPS_LEFT = np.array([4, 3, 2, 1])
 DISCOUNT = 0.9
 LIMIT, TRAINS = 12, 2
 PLACES = np.eye(5, 4, dtype=np.float32) - 1  # observations in [-1, 0], as those of the railway
-POLICY = EpsilonGreedy(n_features=4, n_actions=3)
 
 
-@pytest.fixture(autouse=True)
-def _one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
-
-
-def act(number, network, epsilon):
+def act(number, twin, epsilon, *, greedy=False):
     """An episode of two trains, each in a world of its own, that choose as the real ones do.
 
     The limit holds until no train is under way: its last observation is of a place.
     """
-    choose = POLICY.in_episode(network, epsilon, stream_key(1, number, "explore"), TRAINS)
+    choose = twin.in_episode(epsilon, stream_key(1, number, "explore"), TRAINS, greedy=greedy)
     place = [(number + train) % 4 for train in range(TRAINS)]
     free_at = [0] * TRAINS
     decisions = []
@@ -91,29 +82,44 @@ def as_episode(number, steps, decisions, free_at, place):
     )
 
 
-PRESETS = {
+METHODS = {
     "dqn": {"target_tau": None},
-    "ddqn": {"target_tau": 0.05},
-    "dddqn": {"target_tau": 0.05, "kind": "dueling"},
-    "dddqn, classic rule": {"target_tau": 0.05, "kind": "dueling", "double": True},
+    "ddqn": {},
+    "dddqn": {"kind": "dueling"},
+    "classic double": {"kind": "dueling", "double": True},
+    "drqn": {"kind": "recurrent", "sequence_decisions": 3},
 }
 
 
-@pytest.mark.parametrize("preset", PRESETS)
-def test_the_optimal_policy_and_its_values_are_found(preset):
-    switches = dict(PRESETS[preset])
-    trainer = Trainer(
+def learn(replay, *, episodes, kind="plain", **switches):
+    """The compiled twin of a network trained on `episodes` of this world."""
+    layout = Layout(kind, 4, 3, (32, 32))
+    learning = Learning(
         seed=1,
+        episodes=episodes,
         discount=DISCOUNT,
-        network=NetworkConfig(hidden=(32, 32), kind=switches.pop("kind", "plain")),
-        dqn=DqnConfig(learning_rate=0.002, batch_size=32, learn_every_steps=2, **switches),
-        replay=ReplayConfig(capacity=5000),
-        n_features=4,
-        n_actions=3,
+        network=NetworkConfig(hidden=layout.hidden, kind=kind),
+        dqn=DqnConfig(**{"learning_rate": 0.002, "batch_size": 32, "learn_every_steps": 2, "target_tau": 0.05} | switches),
+        replay=ReplayConfig(kind=replay, capacity=5000),
+        n_features=layout.n_features,
+        n_actions=layout.n_actions,
     )
-    for number in range(400):
-        trainer.train(act(number, trainer.network, epsilon=0.5))
-    values = np.array([POLICY.values(trainer.network, place) for place in PLACES[:4]])
+    trainer, twin = build_trainer("drqn" if kind == "recurrent" else "dqn", learning), Twin(layout)
+    for number in range(episodes):
+        twin.load(trainer.weights())
+        trainer.train(act(number, twin, epsilon=0.5))
+    twin.load(trainer.weights())
+    return twin
+
+
+@pytest.mark.parametrize("replay", ["uniform", "prioritized"])
+@pytest.mark.parametrize("method", METHODS)
+def test_the_optimal_policy_and_its_values_are_found(method, replay):
+    twin = learn(replay, episodes=400, **METHODS[method])
+    values = twin.outputs(PLACES[:4])
     assert values.argmax(-1).tolist() == BEST_ACTION
     optimal = -(1 - DISCOUNT**STEPS_LEFT) / (1 - DISCOUNT)
     np.testing.assert_allclose(values.max(-1), optimal, atol=0.15)
+    for number in range(4):  # along a way, too
+        steps = STEPS_LEFT[[(number + train) % 4 for train in range(TRAINS)]]
+        assert act(number, twin, 0.0, greedy=True).arrived_at.tolist() == (steps - 1).tolist()

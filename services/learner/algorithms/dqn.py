@@ -6,8 +6,9 @@
 | `ddqn` | a share | no | plain | as above, soft target as in Lillicrap et al. 2016, arXiv:1509.02971 |
 | `dddqn` | a share | no | dueling | Wang et al., "Dueling Network Architectures", arXiv:1511.06581 |
 
-`double` gives `ddqn` and `dddqn` the classic rule of van Hasselt et al., "Deep RL with Double Q-learning",
-arXiv:1509.06461.
+`replay.kind: prioritized` adds to each the replay of Schaul et al., "Prioritized Experience Replay", arXiv:1511.05952:
+importance weights on the squared errors, and the errors' sizes as new priorities. `double` gives `ddqn` and `dddqn` the
+classic rule of van Hasselt et al., "Deep RL with Double Q-learning", arXiv:1509.06461.
 
 Deviations, all of them the study's own text unless said otherwise:
 - `dqn` has no target network: its target is the network itself, detached.
@@ -15,14 +16,13 @@ Deviations, all of them the study's own text unless said otherwise:
   `double`.
 - The target network takes a share of the online one after each update (the text's equation 4.1) and is never
   copied.
-- The loss is the plain mean squared error; neither the error nor the gradient is clipped.
+- The loss is the plain mean squared error (weighted, if prioritised); neither the error nor the gradient is clipped.
 - Ours: transitions span several steps, so `discount_t` is gamma to the power of the span
   (`replay/transitions.py`).
 """
 
-import copy
-import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import torch
@@ -30,8 +30,25 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from common.config import DqnConfig
-from common.policy.networks import QNetwork, export_tensors, import_tensors
-from services.learner.replay.uniform import Batch
+from common.policy.networks import build_network, export_tensors, import_tensors
+from services.learner.learning import Learning
+from services.learner.network.adam import Adam
+from services.learner.network.sparse import SparseRows, sparse_rows
+from services.learner.network.values import ValueNetwork
+from services.learner.replay.replay import Replay, Sample
+from services.learner.training import Batch, Update, ValueTrainer, value_sections
+
+
+def build(learning: Learning) -> ValueTrainer:
+    """The trainer of `dqn`, `ddqn` and `dddqn`."""
+    sections = value_sections("dqn", learning, kinds=("plain", "dueling"))
+    network = build_network(learning.network, learning.n_features, learning.n_actions, learning.seed)
+    return ValueTrainer(learning, sections, Dqn(sections.dqn, network), single_observations)
+
+
+def single_observations(_replay: Replay, sample: Sample) -> tuple[Tensor, Tensor]:
+    """What the network sees of a sample: the observations [B, F] before and after each transition."""
+    return sample.columns["observation_tm1"], sample.columns["observation_t"]
 
 
 def q_target(r_t: Tensor, discount_t: Tensor, q_target_t: Tensor) -> Tensor:
@@ -45,9 +62,9 @@ def q_target(r_t: Tensor, discount_t: Tensor, q_target_t: Tensor) -> Tensor:
         q_target_t: [B, A], of the target net.
 
     Returns:
-        [B], detached.
+        [B].
     """
-    return (r_t + discount_t * q_target_t.amax(-1)).detach()
+    return r_t + discount_t * q_target_t.amax(-1)
 
 
 def double_q_target(r_t: Tensor, discount_t: Tensor, q_t: Tensor, q_target_t: Tensor) -> Tensor:
@@ -62,66 +79,82 @@ def double_q_target(r_t: Tensor, discount_t: Tensor, q_t: Tensor, q_target_t: Te
         q_target_t: [B, A], of the target net.
 
     Returns:
-        [B], detached.
+        [B].
     """
     a_t = q_t.argmax(-1, keepdim=True)  # [B, 1]
-    return (r_t + discount_t * q_target_t.gather(-1, a_t).squeeze(-1)).detach()
+    return r_t + discount_t * q_target_t.gather(-1, a_t).squeeze(-1)
 
 
-@torch.no_grad()
-def soft_update(target: nn.Module, online: nn.Module, tau: float) -> None:
-    """Move each parameter of `target` a share `tau` towards `online`, in place.
+def error_gradient(error: Tensor, weights: Tensor, a_tm1: Tensor, n_actions: int) -> Tensor:
+    """The gradient of `mean(weights * error^2)` with respect to the action values that the errors come from.
+
+    Args:
+        error: [B], of the value of the action taken.
+        weights: [B].
+        a_tm1: [B], the action taken.
+        n_actions: A.
+
+    Returns:
+        [B, A].
+    """
+    gradient = torch.zeros(len(error), n_actions)
+    return gradient.scatter_(-1, a_tm1.unsqueeze(-1), (weights * error * (2 / len(error))).unsqueeze(-1))
+
+
+def soft_update(target: Tensor, online: Tensor, tau: float) -> None:
+    """Move `target` a share `tau` towards `online`, in place: all parameters of two networks.
 
     Equation 4.1 of the study, `phi <- (1 - tau) phi + tau theta`; Lillicrap et al. 2016, arXiv:1509.02971.
     """
-    for phi, theta in zip(target.parameters(), online.parameters(), strict=True):
-        phi.lerp_(theta, tau)
+    target.lerp_(online, tau)
 
 
 class Dqn:
-    """Trains a network in place, a batch at a time."""
+    """Trains a copy of a network of action values, a batch at a time."""
 
-    def __init__(self, config: DqnConfig, network: QNetwork) -> None:
-        """The target network, if there is one, starts as a copy of `network`."""
+    def __init__(self, config: DqnConfig, network: nn.Module) -> None:
+        """The target network, if there is one, starts as a copy of `network` too."""
         self._config = config
-        self._network = network
-        self._target = None if config.target_tau is None else copy.deepcopy(network).requires_grad_(False)
-        self._adam = torch.optim.Adam(network.parameters(), lr=config.learning_rate, fused=True)
-        for parameter in network.parameters():  # now, not on the first step, so that a state always has all tensors
-            self._adam.state[parameter] = {
-                "step": torch.zeros(()),
-                "exp_avg": torch.zeros_like(parameter),
-                "exp_avg_sq": torch.zeros_like(parameter),
-            }
+        self._online = ValueNetwork(network)
+        self._target = None if config.target_tau is None else ValueNetwork(network)
+        self._adam = Adam(self._online.parameters, config.learning_rate)
 
-    def update(self, batch: Batch) -> dict[str, float]:
-        """One step of Adam on the mean squared error, then one of the target network.
+    def update(self, batch: Batch) -> Update:
+        """One step of Adam on the weighted mean squared error, then one of the target network.
 
         Returns:
-            `loss`; `mean_q`, of the actions taken, before the step; `gradient_norm`, L2 over all parameters.
+            The batch's errors and `loss`; `mean_q`, of the actions taken, before the step; `td_error`, the mean size of
+            the errors; `gradient_norm`, L2 over all parameters.
 
         Raises:
             FloatingPointError: the loss is not finite; the network is as it was.
         """
-        q_tm1 = self._network(batch.observation_tm1).gather(-1, batch.action_tm1.unsqueeze(-1)).squeeze(-1)
-        loss = nn.functional.mse_loss(q_tm1, self._targets(batch))
-        value = loss.item()
-        if not math.isfinite(value):
-            raise FloatingPointError(f"the loss is {value}: training has diverged, lower dqn.learning_rate")
-        self._adam.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        gradients = [p.grad for p in self._network.parameters() if p.grad is not None]
-        gradient_norm = nn.utils.get_total_norm(gradients).item()
+        target = self._targets(batch, sparse_rows(batch.observation_t))
+        q_tm1 = self._online.forward(sparse_rows(batch.observation_tm1))
+        taken = q_tm1.gather(-1, batch.action_tm1.unsqueeze(-1)).squeeze(-1)
+        error = taken - target
+        loss = (batch.weights * error * error).mean().item()
+        if not np.isfinite(loss):
+            raise FloatingPointError(f"the loss is {loss}: training has diverged, lower dqn.learning_rate")
+        self._online.backward(error_gradient(error, batch.weights, batch.action_tm1, q_tm1.shape[-1]))
+        parameters = self._online.parameters
+        gradient_norm = torch.linalg.vector_norm(parameters.flat_gradient).item()
         self._adam.step()
         if self._target is not None and self._config.target_tau is not None:
-            soft_update(self._target, self._network, self._config.target_tau)
-        return {"loss": value, "mean_q": q_tm1.mean().item(), "gradient_norm": gradient_norm}
+            soft_update(self._target.parameters.flat, parameters.flat, self._config.target_tau)
+        sizes = error.abs().numpy()
+        metrics = {"loss": loss, "mean_q": taken.mean().item(), "td_error": float(sizes.mean(dtype=np.float64))}
+        return Update(sizes, metrics | {"gradient_norm": gradient_norm})
+
+    def weights(self) -> dict[str, NDArray[np.float32]]:
+        """A copy of the network's parameters."""
+        return export_tensors(self._online.parameters.named(self._online.parameters.flat))
 
     def state(self) -> dict[str, NDArray[np.float32]]:
-        """A copy of all that updates change: `network/*`, `target/*` and Adam's `step/*`, `exp_avg/*`, ..."""
+        """A copy of all that updates change: `network/*`, `target/*` and Adam's `steps`, `exp_avg/*`, ..."""
         return export_tensors(self._tensors())
 
-    def restore(self, state: Mapping[str, NDArray[np.float32]]) -> None:
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take on a `state`: updates from here on give the same bits as in the learner that gave it.
 
         Raises:
@@ -129,20 +162,18 @@ class Dqn:
         """
         import_tensors(self._tensors(), state)
 
-    @torch.no_grad()
-    def _targets(self, batch: Batch) -> Tensor:
-        q_target_t = (self._target or self._network)(batch.observation_t)
+    def _targets(self, batch: Batch, observation_t: SparseRows) -> Tensor:
+        q_target_t = (self._target or self._online).forward(observation_t)
         if not self._config.double:
             return q_target(batch.reward_t, batch.discount_t, q_target_t)
-        q_t = self._network(batch.observation_t)
+        q_t = self._online.forward(observation_t)
         return double_q_target(batch.reward_t, batch.discount_t, q_t, q_target_t)
 
     def _tensors(self) -> dict[str, Tensor]:
-        tensors: dict[str, Tensor] = {}
-        for name, parameter in self._network.named_parameters():
-            tensors[f"network/{name}"] = parameter
-            for moment, tensor in self._adam.state[parameter].items():
-                tensors[f"{moment}/{name}"] = tensor
-        if self._target is not None:
-            tensors |= {f"target/{name}": parameter for name, parameter in self._target.named_parameters()}
-        return tensors
+        parts = {"network": self._online} | ({} if self._target is None else {"target": self._target})
+        networks = {
+            f"{part}/{name}": tensor
+            for part, network in parts.items()
+            for name, tensor in network.parameters.named(network.parameters.flat).items()
+        }
+        return networks | self._adam.tensors()

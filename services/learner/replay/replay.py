@@ -65,8 +65,8 @@ class Replay:
     @property
     def nbytes(self) -> int:
         """Bytes of all that is kept, and of the room for more."""
-        parts = [*self._columns.values(), self._rows, *([self._priorities] if self._priorities else [])]
-        return sum(part.nbytes for part in parts)
+        columns = sum(column.nbytes for column in self._columns.values())
+        return columns + self._rows.nbytes + (self._priorities.nbytes if self._priorities else 0)
 
     def add(self, items: Mapping[str, NDArray[Any]], priorities: NDArray[np.float64] | None = None) -> None:
         """Append M items, oldest first; without `priorities` they get the largest that there has been, 1 at first.
@@ -183,6 +183,7 @@ class Replay:
             raise ValueError(f"replay: {name} holds {size} items, the capacity is {self._capacity}")
         if not (cursor == size % self._capacity if size < self._capacity else 0 <= cursor < size):
             raise ValueError(f"replay: cursor {cursor} does not fit {size} items")
+        wanted: dict[str, tuple[np.dtype[Any], tuple[int, ...]]]
         wanted = {name: (column.dtype, (size,)) for name, column in self._columns.items()}
         wanted[ROWS] = (np.dtype(np.uint32), state[ROWS].shape[:1])
         if self._priorities:

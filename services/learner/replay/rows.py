@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
 """Rows of numbers, most of them zero, in a ring: only what is not zero is kept, bit for bit.
 
 Nine tenths of an observation are +0.0, padding above all. A row is kept as the number n of its other values, these, and
@@ -64,7 +65,9 @@ class RowRing:
         """
         ends = np.zeros((size, 2), np.int64)
         if not locate(words, words.view(self._position), self._n_rows, self._n_features, ends):
-            raise ValueError(f"{len(words)} words are not {size} times {self._n_rows} rows of {self._n_features}")
+            raise ValueError(
+                f"replay: rows: {len(words)} words are not {size} times {self._n_rows} rows of {self._n_features}"
+            )
         return ends
 
     def restore(self, words: Words, ends: NDArray[np.int64], oldest: int) -> None:
@@ -162,7 +165,7 @@ def expand(places: NDArray[np.int64], ends: NDArray[np.int64], words: Words, pos
         for row in out:
             row[item, :] = 0
             if places[item] >= 0:
-                length = np.int64(words[start])
+                length = int(np.int64(words[start]))
                 cell = (start + 1 + length) * per_word
                 for value in range(length):
                     row[item, positions[cell + value]] = words[start + 1 + value]
@@ -191,7 +194,7 @@ def locate(words: Words, positions: NDArray[Any], n_rows: int, n_features: int, 
         for _ in range(n_rows):
             if start >= len(words) or words[start] > n_features:
                 return False
-            length = np.int64(words[start])
+            length = int(np.int64(words[start]))
             cell = (start + 1 + length) * per_word
             start += room(length, positions.itemsize)
             if start > len(words):

@@ -7,37 +7,39 @@ import pytest
 import torch
 
 from common.config import DqnConfig, NetworkConfig
-from common.policy.networks import build_network, export_parameters, import_parameters
-from services.learner.algorithms.dqn import Dqn, double_q_target, q_target, soft_update
-from services.learner.replay.uniform import Batch
+from common.policy.networks import build_network, import_parameters
+from services.learner.algorithms.dqn import Dqn, double_q_target, error_gradient, q_target, soft_update
+from services.learner.training import Batch
 
 R_T = torch.tensor([-1.0, -2.0])
 DISCOUNT_T = torch.tensor([0.5, 0.0])
-Q_TARGET_T = torch.tensor([[1.0, 3.0, 2.0], [5.0, 6.0, 7.0]], requires_grad=True)
+Q_TARGET_T = torch.tensor([[1.0, 3.0, 2.0], [5.0, 6.0, 7.0]])
 
 
 def test_q_target_by_hand():
     target = q_target(R_T, DISCOUNT_T, Q_TARGET_T)
     assert target.tolist() == [0.5, -2]  # -1 + 3/2; terminated
-    assert not target.requires_grad
 
 
 def test_double_q_target_by_hand():
-    q_t = torch.tensor([[9.0, 0.0, 1.0], [0.0, 0.0, 1.0]], requires_grad=True)
+    q_t = torch.tensor([[9.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
     target = double_q_target(R_T, DISCOUNT_T, q_t, Q_TARGET_T)
     assert target.tolist() == [-0.5, -2]  # -1 + 1/2: the online net picks action 0
-    assert not target.requires_grad
 
 
 def test_soft_update_by_hand():
-    target, online = torch.nn.Linear(1, 2), torch.nn.Linear(1, 2)
-    torch.nn.init.constant_(target.weight, 4.0)
-    torch.nn.init.constant_(online.weight, 8.0)
+    target, online = torch.tensor([4.0, 0.0]), torch.tensor([8.0, 1.0])
     soft_update(target, online, 0.25)
-    assert target.weight.flatten().tolist() == [5, 5]
-    assert online.weight.flatten().tolist() == [8, 8]
+    assert target.tolist() == [5, 0.25]
+    assert online.tolist() == [8, 1]
     soft_update(target, online, 1.0)
-    assert torch.equal(target.bias, online.bias)
+    assert torch.equal(target, online)
+
+
+def test_error_gradient_by_hand():
+    # mean(w * e^2) = (1 * 3^2 + 0.5 * 2^2) / 2: by the errors, w * e each.
+    gradient = error_gradient(torch.tensor([3.0, -2.0]), torch.tensor([1.0, 0.5]), torch.tensor([2, 0]), 3)
+    assert gradient.tolist() == [[0, 0, 3], [-1, 0, 0]]
 
 
 def make_dqn(*, double=False, target_tau=None):
@@ -59,7 +61,7 @@ def make_dqn(*, double=False, target_tau=None):
         target_tau=target_tau,
         double=double,
     )
-    return network, Dqn(config, network)
+    return Dqn(config, network)
 
 
 def one_transition():
@@ -69,19 +71,21 @@ def one_transition():
         reward_t=torch.tensor([-1.0]),
         discount_t=torch.tensor([0.5]),
         observation_t=torch.tensor([[1.0]]),
+        weights=torch.tensor([1.0]),
     )
 
 
 def test_an_update_by_hand():
-    network, dqn = make_dqn(target_tau=0.5)
-    metrics = dqn.update(one_transition())
+    dqn = make_dqn(target_tau=0.5)
+    error_sizes, metrics = dqn.update(one_transition())
+    assert error_sizes.tolist() == [5.5]
     # Q(2, 1) = 6, target -1 + 0.5 * max(1, 3) = 0.5, error 5.5; dloss/dq = 11, which reaches q.weight[1]
     # times 2, q.bias[1] times 1, hidden.weight times 3 * 2 and hidden.bias times 3.
     assert metrics["loss"] == pytest.approx(5.5**2)
     assert metrics["mean_q"] == pytest.approx(6)
     assert metrics["gradient_norm"] == pytest.approx(11 * math.sqrt(4 + 1 + 36 + 9))
     # The first step of Adam moves each parameter by the learning rate against the sign of its gradient.
-    after = export_parameters(network)
+    after = dqn.weights()
     assert after["q.weight"].flatten().tolist() == pytest.approx([1, 2.9])
     assert after["q.bias"].tolist() == pytest.approx([0, -0.1])
     assert after["hidden.0.weight"].item() == pytest.approx(0.9)
@@ -91,49 +95,56 @@ def test_an_update_by_hand():
     assert state["target/q.bias"].tolist() == pytest.approx([0, -0.05])
 
 
+def test_a_weight_scales_the_loss_and_its_gradient():
+    metrics = make_dqn().update(one_transition()._replace(weights=torch.tensor([0.5]))).metrics
+    assert metrics["loss"] == pytest.approx(5.5**2 / 2)
+    assert metrics["td_error"] == pytest.approx(5.5)
+    assert metrics["gradient_norm"] == pytest.approx(5.5 * math.sqrt(4 + 1 + 36 + 9))
+
+
 @pytest.mark.parametrize(("double", "error"), [(False, 6 - 4), (True, 6 - 0.5)])
 def test_who_picks_the_action_of_the_target(double, error):
-    _, dqn = make_dqn(double=double, target_tau=0.01)
+    dqn = make_dqn(double=double, target_tau=0.01)
     state = dqn.state()
     state["target/q.weight"] = np.array([[10], [3]], np.float32)  # best is action 0; online it is action 1
     dqn.restore(state)
-    assert dqn.update(one_transition())["loss"] == pytest.approx(error**2)
+    assert dqn.update(one_transition()).metrics["loss"] == pytest.approx(error**2)
 
 
 def test_without_a_target_network_there_is_none_to_keep():
-    _, dqn = make_dqn()
+    dqn = make_dqn()
     assert not [name for name in dqn.state() if name.startswith("target/")]
     dqn.update(one_transition())
     # Q(x) = relu(0.9 x - 0.1) * (1, 2.9) + (0, -0.1): the second target comes from the network as it is now.
     q_tm1, q_t = 1.7 * 2.9 - 0.1, 0.8 * 2.9 - 0.1
-    assert dqn.update(one_transition())["loss"] == pytest.approx((q_tm1 - (-1 + 0.5 * q_t)) ** 2, rel=1e-5)
+    assert dqn.update(one_transition()).metrics["loss"] == pytest.approx((q_tm1 - (-1 + 0.5 * q_t)) ** 2, rel=1e-5)
 
 
 def test_divergence_is_an_error_that_leaves_the_network_alone():
-    network, dqn = make_dqn()
-    before = export_parameters(network)
+    dqn = make_dqn()
+    before = dqn.weights()
     with pytest.raises(FloatingPointError, match=r"lower dqn\.learning_rate"):
         dqn.update(one_transition()._replace(reward_t=torch.tensor([math.inf])))
-    for name, array in export_parameters(network).items():
+    for name, array in dqn.weights().items():
         np.testing.assert_array_equal(array, before[name])
 
 
 @pytest.mark.parametrize("target_tau", [None, 0.1])
 def test_a_restored_learner_goes_on_with_the_same_bits(target_tau):
-    network, dqn = make_dqn(target_tau=target_tau)
+    dqn = make_dqn(target_tau=target_tau)
     for _ in range(3):
         dqn.update(one_transition())
-    other_network, other = make_dqn(target_tau=target_tau)
+    other = make_dqn(target_tau=target_tau)
     other.restore(dqn.state())
     for _ in range(3):
-        assert dqn.update(one_transition()) == other.update(one_transition())
-    for name, array in export_parameters(network).items():
-        np.testing.assert_array_equal(array, export_parameters(other_network)[name])
-    assert sorted(dqn.state()) == sorted(make_dqn(target_tau=target_tau)[1].state())
+        assert dqn.update(one_transition()).metrics == other.update(one_transition()).metrics
+    for name, array in dqn.weights().items():
+        np.testing.assert_array_equal(array, other.weights()[name])
+    assert sorted(dqn.state()) == sorted(make_dqn(target_tau=target_tau).state())
 
 
 def test_a_state_that_does_not_fit_names_the_tensor():
-    _, dqn = make_dqn()
+    dqn = make_dqn()
     state = dqn.state()
     del state["exp_avg/q.bias"]
     with pytest.raises(ValueError, match=r"exp_avg/q\.bias is missing"):

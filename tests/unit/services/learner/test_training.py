@@ -3,6 +3,7 @@
 Run as a program it trains briefly on arrays at a given misalignment and prints a hash of the weights.
 """
 
+import dataclasses
 import hashlib
 import os
 import subprocess
@@ -10,88 +11,52 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_episodes import STEPS, at_offset, cut, decided, make_episode
 
 from common.config import DqnConfig, NetworkConfig, ReplayConfig
-from common.records import Episode
-from services.learner.training import Trainer
+from services.learner.learning import Learning, build_trainer
 
-STEPS, TRAINS = 40, 3
+VARIANTS = {
+    "dqn": {"target_tau": None, "kind": "plain"},
+    "ddqn": {"kind": "plain"},
+    "dddqn": {},
+    "classic double": {"double": True},
+    "prioritized": {"replay": "prioritized"},
+    "drqn": {"kind": "recurrent"},
+    "drqn prioritized": {"kind": "recurrent", "replay": "prioritized"},
+}
 
 
-def make_trainer(n_features=6, hidden=(16, 16), capacity=200, **dqn):
+def make_learning(kind="dueling", replay="uniform", n_features=6, hidden=(16, 16), capacity=200, **dqn):
     settings = {
         "learning_rate": 0.001,
         "batch_size": 8,
         "learn_every_steps": 7,
         "target_tau": 0.01,
+        "sequence_decisions": 4,
     }
-    return Trainer(
+    return Learning(
         seed=5,
+        episodes=20,
         discount=0.99,
-        network=NetworkConfig(hidden=hidden, kind="dueling"),
+        network=NetworkConfig(hidden=hidden, kind=kind),
         dqn=DqnConfig(**(settings | dqn)),
-        replay=ReplayConfig(capacity=capacity),
+        replay=ReplayConfig(kind=replay, capacity=capacity),
         n_features=n_features,
         n_actions=5,
     )
 
 
-def at_offset(array, offset):
-    """A copy of an array, `offset` bytes into its memory."""
-    raw = np.zeros(array.nbytes + offset, np.uint8)[offset:].view(array.dtype).reshape(array.shape)
-    raw[...] = array
-    return raw
-
-
-def make_episode(number, n_features=6, steps=STEPS, offset=0):
-    """A random episode: a train decides on half of its steps until it arrives, if it does."""
-    rng = np.random.default_rng(number)
-    arrived_at = np.where(rng.random(TRAINS) < 0.5, rng.integers(0, steps, TRAINS), -1).astype(np.int32)
-    until = np.where(arrived_at >= 0, arrived_at + 1, steps)
-    deciding = (rng.random((steps, TRAINS)) < 0.5) & (np.arange(steps)[:, None] < until)
-    times, trains = np.nonzero(deciding)
-    final = -rng.random((TRAINS, n_features), np.float32)
-    return Episode(
-        episode=number,
-        fragment=0,
-        first_step=0,
-        over=True,
-        level="easy",
-        level_seed=1,
-        level_hash="0" * 32,
-        weights_version=number,
-        actor="a",
-        acting_s=0.0,
-        max_steps=steps,
-        observations=at_offset(-rng.random((len(times), n_features), np.float32), offset),
-        times=times.astype(np.int32),
-        trains=trains.astype(np.int32),
-        actions=rng.integers(0, 5, len(times)).astype(np.int8),
-        log_probabilities=np.zeros(len(times), np.float32),
-        values=np.zeros(len(times), np.float32),
-        rewards=at_offset(-(np.arange(steps)[:, None] < until).astype(np.float32), offset),
-        arrived_at=arrived_at,
-        final_observations=at_offset(final * (arrived_at < 0)[:, None], offset),
-        states=np.zeros((TRAINS, 0), np.float32),
-    )
+def make_trainer(**changes):
+    return build_trainer("drqn" if changes.get("kind") == "recurrent" else "dqn", make_learning(**changes))
 
 
 def decisions_at(*times, steps):
     """An episode of one truncated train that decides at these steps."""
-    return make_episode(0, steps=steps).model_copy(
-        update={
-            "times": np.array(times, np.int32),
-            "trains": np.zeros(len(times), np.int32),
-            "actions": np.zeros(len(times), np.int8),
-            "observations": np.zeros((len(times), 6), np.float32),
-            "rewards": np.full((steps, 1), -1, np.float32),
-            "arrived_at": np.array([-1], np.int32),
-            "log_probabilities": np.zeros(len(times), np.float32),
-            "values": np.zeros(len(times), np.float32),
-            "states": np.zeros((1, 0), np.float32),
-            "final_observations": np.zeros((1, 6), np.float32),
-        }
-    )
+    nothing = np.zeros(6, np.float32)
+    return decided(0, [(time, 0, 0, nothing) for time in times], np.full((steps, 1), -1), [-1], nothing[None])
 
 
 def weights_hash(trainer):
@@ -101,25 +66,57 @@ def weights_hash(trainer):
     return state.hexdigest()
 
 
+def assert_same_state(ours, theirs):
+    assert list(ours) == list(theirs)
+    for name, array in ours.items():
+        assert array.tobytes() == theirs[name].tobytes(), name
+
+
 def test_updates_fall_on_every_kth_step_across_episodes():
     trainer = make_trainer(batch_size=1, learn_every_steps=3)
     episode = decisions_at(0, 1, 2, steps=5)
     assert [trainer.train(episode)["updates"] for _ in range(4)] == [1, 2, 2, 1]  # steps 3; 6, 9; 12, 15; 18
-    assert trainer.episodes == 4
+    assert trainer.state()["trainer/episodes"] == 4
     assert trainer.state()["trainer/steps"] == 20
     assert trainer.state()["trainer/updates"] == 6
 
 
 def test_updates_wait_for_a_batch_of_completed_transitions():
-    # Complete after steps 2, 3 and 6: there are two from step 3 on, so updates follow steps 3, 4, 5 and 6.
+    # Complete after steps 3, 4 and 6: there are two from step 4 on, so updates follow steps 4, 5 and 6.
     metrics = make_trainer(batch_size=2, learn_every_steps=1).train(decisions_at(0, 2, 3, steps=6))
-    assert metrics["updates"] == 4
+    assert metrics["updates"] == 3
     assert metrics["transitions"] == 3
 
 
 def test_a_transition_takes_part_in_the_update_of_the_step_that_completes_it():
     metrics = make_trainer(batch_size=3, learn_every_steps=6).train(decisions_at(0, 2, 3, steps=6))
     assert metrics["updates"] == 1
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 10_000), st.lists(st.sets(st.integers(1, STEPS - 1), max_size=6), min_size=3, max_size=3))
+def test_it_does_not_matter_where_episodes_are_cut(number, places):
+    whole, parts = make_trainer(replay="prioritized"), make_trainer(replay="prioritized")
+    for episode, cuts in enumerate(places, start=number):
+        told = whole.train(make_episode(episode))
+        fragments = [parts.train(fragment) for fragment in cut(make_episode(episode), cuts)]
+        for name in ("updates", "transitions"):
+            assert sum(fragment[name] for fragment in fragments) == told[name]
+    assert_same_state(whole.state(), parts.state())
+
+
+def test_there_is_no_state_within_an_episode():
+    trainer = make_trainer()
+    first, second = cut(make_episode(1), [20])
+    before = trainer.state()
+    trainer.train(first)
+    with pytest.raises(ValueError, match="no state within an episode"):
+        trainer.state()
+    trainer.train(second)
+    assert trainer.state()["trainer/episodes"] == 1
+    trainer.train(cut(make_episode(2), [20])[0])
+    trainer.restore(before)  # leaves the open episode
+    trainer.train(make_episode(1))
 
 
 def test_an_update_knows_nothing_of_what_completes_later():
@@ -140,9 +137,11 @@ def test_an_update_knows_nothing_of_what_completes_later():
 def test_metrics_are_means_over_the_updates():
     trainer = make_trainer()
     metrics = trainer.train(make_episode(1))
-    assert set(metrics) == {"updates", "transitions", "loss", "mean_q", "gradient_norm"}
-    assert metrics["loss"] > 0
-    assert set(make_trainer(batch_size=200).train(make_episode(1))) == {"updates", "transitions"}
+    always = {"updates", "transitions", "replay_fill"}
+    assert set(metrics) == {*always, "loss", "mean_q", "td_error", "gradient_norm"}
+    assert metrics["td_error"] > 0
+    assert set(make_trainer(batch_size=200).train(make_episode(1))) == always
+    assert set(make_trainer(replay="prioritized").train(make_episode(1))) == {*metrics, "priority_mean", "priority_max"}
 
 
 def test_an_episode_of_another_shape_is_refused():
@@ -156,20 +155,45 @@ def test_weights_are_a_copy():
     assert not (trainer.weights()["value.bias"] == 9).any()
 
 
-@pytest.mark.parametrize("switches", [{}, {"double": True}, {"target_tau": None}])
-def test_a_restored_trainer_goes_on_with_the_same_bits(switches):
-    straight = make_trainer(**switches)
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_restored_trainer_goes_on_with_the_same_bits(variant):
+    straight = make_trainer(**VARIANTS[variant])
     for number in range(6):  # more than the replay holds
         straight.train(make_episode(number))
-    restored = make_trainer(**switches)
+    restored = make_trainer(**VARIANTS[variant])
     restored.train(make_episode(99))  # what was there before must not matter
     restored.restore({name: at_offset(array, 1) for name, array in straight.state().items()})
     for number in range(6, 12):
         assert straight.train(make_episode(number)) == restored.train(make_episode(number))
-    ours, theirs = straight.state(), restored.state()
-    assert list(ours) == list(theirs)
-    for name, array in ours.items():
-        assert array.tobytes() == theirs[name].tobytes(), name
+    assert_same_state(straight.state(), restored.state())
+
+
+def test_prioritised_errors_weigh_more_and_more_alike():
+    """Beta goes from its first value to 1 over the run."""
+    trainer = make_trainer(replay="prioritized")
+    seen = []
+    sample = trainer._replay.sample
+    trainer._replay.sample = lambda size, rng, beta: seen.append(beta) or sample(size, rng, beta)
+    for number in range(20):
+        trainer.train(make_episode(number))
+    betas = sorted(set(seen))
+    np.testing.assert_allclose(betas[-20:], 0.4 + 0.6 * np.arange(20) / 20)
+    assert seen == sorted(seen)
+
+
+@pytest.mark.parametrize(
+    ("rule", "changes", "message"),
+    [
+        ("dqn", {"dqn": None}, "rule dqn needs section dqn: give dqn.learning_rate"),
+        ("dqn", {"replay": None}, "rule dqn needs section replay: give replay.capacity"),
+        ("drqn", {"replay": None}, "rule drqn needs section replay"),
+        ("dqn", {"network": NetworkConfig(kind="recurrent")}, "network.kind recurrent: make it plain or dueling"),
+        ("drqn", {}, "rule drqn cannot train network.kind dueling: make it recurrent"),
+    ],
+)
+def test_a_rule_says_what_it_lacks(rule, changes, message):
+    with pytest.raises(ValueError, match=message):
+        build_trainer(rule, dataclasses.replace(make_learning(), **changes))
 
 
 def test_a_state_holds_the_counters_as_integers():
@@ -211,13 +235,15 @@ def test_fresh_processes_agree_to_the_bit_at_any_alignment():
     ]
     assert not any(result.returncode for result in results), results
     assert len({result.stdout for result in results}) == 1
-    assert len(results[0].stdout.strip()) == 64
+    assert len(results[0].stdout.strip()) == 2 * 64
 
 
-def train_briefly(offset):
+def train_briefly(variant, offset):
     """About 50 updates of the size of the real ones."""
-    trainer = make_trainer(n_features=252, hidden=(128, 128), batch_size=150, learn_every_steps=4, capacity=5000)
-    updates = sum(trainer.train(make_episode(number, 252, offset=offset))["updates"] for number in range(9))
+    size = {"n_features": 252, "hidden": (128, 128), "batch_size": 150, "learn_every_steps": 4, "capacity": 5000}
+    trainer = make_trainer(**size, **VARIANTS[variant])
+    episodes = [make_episode(number, 252, offset=offset, density=0.1) for number in range(9)]
+    updates = sum(trainer.train(episode)["updates"] for episode in episodes)
     if updates < 45:
         raise RuntimeError(f"only {updates} updates")
     return weights_hash(trainer)
@@ -227,4 +253,5 @@ if __name__ == "__main__":
     from common.policy.determinism import deterministic_torch
 
     deterministic_torch()
-    sys.stdout.write(train_briefly(int(sys.argv[1])))
+    for name in ("dddqn", "drqn prioritized"):
+        sys.stdout.write(train_briefly(name, int(sys.argv[1])))

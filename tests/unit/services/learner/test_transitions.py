@@ -1,100 +1,114 @@
-"""Transitions of hand-made episodes."""
+"""Transitions of hand-made episodes, whole and cut into fragments."""
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_episodes import STEPS, cut, decided, make_episode
 
-from common.records import Episode
-from services.learner.replay.transitions import transitions
+from services.learner.replay.transitions import TransitionMaker
 
 
-def make_episode(decisions, rewards, arrived_at, final):
-    """An episode of one feature; `decisions` are (time, train, action, feature)."""
-    times, trains, actions, features = zip(*decisions, strict=True) if decisions else ((), (), (), ())
-    return Episode(
-        episode=3,
-        fragment=0,
-        first_step=0,
-        over=True,
-        level="easy",
-        level_seed=1,
-        level_hash="0" * 32,
-        weights_version=3,
-        actor="a",
-        acting_s=0.0,
-        max_steps=len(rewards),
-        observations=np.array(features, np.float32).reshape(-1, 1),
-        times=np.array(times, np.int32),
-        trains=np.array(trains, np.int32),
-        actions=np.array(actions, np.int8),
-        log_probabilities=np.zeros(len(times), np.float32),
-        values=np.zeros(len(times), np.float32),
-        rewards=np.array(rewards, np.float32),
-        arrived_at=np.array(arrived_at, np.int32),
-        final_observations=np.array(final, np.float32).reshape(-1, 1),
-        states=np.zeros((len(arrived_at), 0), np.float32),
-    )
+def make(decisions, rewards, arrived_at, final, discount):
+    """The transitions of an episode of one feature."""
+    return TransitionMaker(discount).take(decided(3, decisions, rewards, arrived_at, final))
+
+
+def column(transitions, name):
+    return transitions.columns[name].tolist()
 
 
 def test_one_train_arrives_and_one_is_truncated():
-    result = transitions(
-        make_episode(
-            decisions=[(0, 0, 2, 0.1), (1, 1, 3, 0.2), (2, 0, 4, 0.3)],
-            rewards=[[-1, -10], [-2, -20], [-3, -30], [7, -40]],
-            arrived_at=[2, -1],
-            final=[0.0, 0.9],
-        ),
+    result = make(
+        decisions=[(0, 0, 2, 0.1), (1, 1, 3, 0.2), (2, 0, 4, 0.3)],
+        rewards=[[-1, -10], [-2, -20], [-3, -30], [7, -40]],
+        arrived_at=[2, -1],
+        final=[0.0, 0.9],
         discount=0.5,
     )
     assert len(result) == 3
-    assert result.completed_at.tolist() == [2, 3, 4]
-    assert result.action_tm1.tolist() == [2, 4, 3]
-    np.testing.assert_array_equal(result.observation_tm1, np.float32([[0.1], [0.3], [0.2]]))
+    assert result.completed_at.tolist() == [3, 3, 4]  # step 2, the third, shows the second decision and the arrival
+    assert column(result, "action_tm1") == [2, 4, 3]
+    np.testing.assert_array_equal(result.columns["observation_tm1"], np.float32([[0.1], [0.3], [0.2]]))
     # -1 - 2/2;  -3 and not the 7 after the arrival;  -20 - 30/2 - 40/4
-    assert result.reward_t.tolist() == [-2, -3, -45]
-    assert result.discount_t.tolist() == [0.25, 0, 0.125]
-    np.testing.assert_array_equal(result.observation_t, np.float32([[0.3], [0], [0.9]]))
+    assert column(result, "reward_t") == [-2, -3, -45]
+    assert column(result, "discount_t") == [0.25, 0, 0.125]
+    np.testing.assert_array_equal(result.columns["observation_t"], np.float32([[0.3], [0], [0.9]]))
+    assert column(result, "back") == [0, 1, 0]
 
 
 def test_what_completes_together_is_in_the_order_of_trains():
-    result = transitions(
-        make_episode(
-            decisions=[(0, 2, 2, 0.1), (1, 0, 0, 0.2), (2, 0, 1, 0.3), (2, 2, 3, 0.4)],
-            rewards=np.full((3, 3), -1),
-            arrived_at=[-1, 1, 2],  # train 1 never decides
-            final=[0.8, 0.0, 0.0],
-        ),
+    result = make(
+        decisions=[(0, 2, 2, 0.1), (1, 0, 0, 0.2), (2, 0, 1, 0.3), (2, 2, 3, 0.4)],
+        rewards=np.full((4, 3), -1),
+        arrived_at=[-1, 1, 3],  # train 1 never decides
+        final=[0.8, 0.0, 0.0],
         discount=1.0,
     )
-    assert result.completed_at.tolist() == [2, 2, 3, 3]
-    assert result.action_tm1.tolist() == [0, 2, 1, 3]
-    assert result.reward_t.tolist() == [-1, -2, -1, -1]
-    assert result.discount_t.tolist() == [1, 1, 1, 0]
+    assert result.completed_at.tolist() == [3, 3, 4, 4]
+    assert column(result, "action_tm1") == [0, 2, 1, 3]
+    assert column(result, "reward_t") == [-1, -2, -2, -2]
+    assert column(result, "discount_t") == [1, 1, 1, 0]
+    assert column(result, "back") == [0, 0, 2, 2]
 
 
 def test_the_bonus_reaches_the_trains_that_arrive_last():
-    result = transitions(
-        make_episode(
-            decisions=[(0, 0, 2, 0.1), (0, 1, 2, 0.2), (1, 1, 2, 0.3), (1, 2, 2, 0.4)],
-            rewards=[[-1, -1, -1], [1, 1, 1]],
-            arrived_at=[0, 1, 1],
-            final=[0, 0, 0],
-        ),
+    result = make(
+        decisions=[(0, 0, 2, 0.1), (0, 1, 2, 0.2), (1, 1, 2, 0.3), (1, 2, 2, 0.4)],
+        rewards=[[-1, -1, -1], [1, 1, 1]],
+        arrived_at=[0, 1, 1],
+        final=[0, 0, 0],
         discount=0.5,
     )
-    assert result.reward_t.tolist() == [-1, -1, 1, 1]
-    assert result.discount_t.tolist() == [0, 0.5, 0, 0]
+    assert column(result, "reward_t") == [-1, -1, 1, 1]
+    assert column(result, "discount_t") == [0, 0.5, 0, 0]
 
 
 def test_sums_run_in_double_precision():
     rewards = np.full((5000, 1), -0.1, np.float32)
-    result = transitions(make_episode([(0, 0, 2, 0.1)], rewards, [-1], [0.5]), discount=1.0)
-    assert result.reward_t[0] == np.float32(5000 * np.float64(np.float32(-0.1)))
+    result = make([(0, 0, 2, 0.1)], rewards, [-1], [0.5], discount=1.0)
+    assert column(result, "reward_t") == [np.float32(5000 * np.float64(np.float32(-0.1)))]
 
 
 def test_an_episode_without_decisions_has_no_transitions():
-    result = transitions(make_episode([], [[-1, -1]], [-1, 0], [0.5, 0]), discount=0.99)
+    result = make([], [[-1, -1]], [-1, 0], [0.5, 0], discount=0.99)
     assert len(result) == 0
-    assert result.observation_t.shape == (0, 1)
+    assert result.columns["observation_t"].shape == (0, 1)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10_000), st.sets(st.integers(1, STEPS - 1)))
+def test_an_episode_may_be_cut_anywhere(number, places):
+    episode = make_episode(number)
+    whole = TransitionMaker(0.9).take(episode)
+    maker = TransitionMaker(0.9)
+    parts = []
+    for fragment in cut(episode, places):
+        parts.append(maker.take(fragment))
+        assert maker.is_open == (not fragment.over)
+        known = fragment.first_step + len(fragment.rewards)
+        assert sum(map(len, parts)) == np.searchsorted(whole.completed_at, known, side="right")
+    np.testing.assert_array_equal(np.concatenate([part.completed_at for part in parts]), whole.completed_at)
+    for name, array in whole.columns.items():
+        joined = np.concatenate([part.columns[name] for part in parts])
+        assert joined.dtype == array.dtype
+        np.testing.assert_array_equal(joined, array)
+
+
+@given(st.integers(0, 10_000))
+@settings(deadline=None)
+def test_back_leads_through_all_decisions_of_a_train(number):
+    episode = make_episode(number)
+    columns = TransitionMaker(0.9).take(episode).columns
+    for train in range(episode.rewards.shape[1]):
+        mine = episode.observations[episode.trains == train]
+        if len(mine) == 0:
+            continue
+        place = int(np.flatnonzero((columns["observation_tm1"] == mine[-1]).all(-1))[0])
+        chain = [place]
+        while columns["back"][chain[-1]]:
+            chain.append(chain[-1] - columns["back"][chain[-1]])
+        np.testing.assert_array_equal(columns["observation_tm1"][chain[::-1]], mine)
 
 
 @pytest.mark.parametrize(
@@ -108,11 +122,25 @@ def test_an_episode_without_decisions_has_no_transitions():
 )
 def test_decisions_that_cannot_be_are_refused(decisions, message):
     with pytest.raises(ValueError, match=message):
-        transitions(make_episode(decisions, -np.ones((3, 2)), [1, -1], [0, 0]), discount=0.99)
+        make(decisions, -np.ones((3, 2)), [1, -1], [0, 0], discount=0.99)
 
 
-def test_a_part_is_a_slice_of_every_field():
-    whole = transitions(make_episode([(0, 0, 2, 0.1), (1, 0, 3, 0.2)], [[-1], [-2]], [-1], [0.5]), discount=0.5)
+def test_only_the_next_fragment_is_taken():
+    maker = TransitionMaker(0.9)
+    first, second, third = cut(make_episode(3), [10, 20])
+    with pytest.raises(ValueError, match="fragment 1 of episode 3 begins after step 10: fragment 0 of episode 3"):
+        maker.take(second)
+    maker.take(first)
+    for wrong in (first, third, make_episode(4), cut(make_episode(4), [10])[1]):
+        with pytest.raises(ValueError, match="fragment 1 of episode 3 comes next, after step 10"):
+            maker.take(wrong)
+    maker.take(second)
+    maker.forget()
+    assert len(maker.take(make_episode(4))) > 0
+
+
+def test_a_part_is_a_slice_of_every_column():
+    whole = make([(0, 0, 2, 0.1), (1, 0, 3, 0.2)], [[-1], [-2]], [-1], [0.5], discount=0.5)
     part = whole[1:]
-    assert (len(part), part.action_tm1.tolist(), part.reward_t.tolist()) == (1, [3], [-2])
-    assert part.completed_at.tolist() == [2]
+    assert {name: len(array) for name, array in part.items()} == dict.fromkeys(whole.columns, 1)
+    assert (part["action_tm1"].tolist(), part["reward_t"].tolist()) == ([3], [-2])

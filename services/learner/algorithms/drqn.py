@@ -1,0 +1,37 @@
+"""Deep recurrent Q-learning: as `dqn.py`, over sequences of a train's decisions.
+
+| preset | `dqn.target_tau` | `dqn.double` | `network.kind` | paper |
+|---|---|---|---|---|
+| `drqn` | a share | no | recurrent | Hausknecht & Stone, "Deep Recurrent Q-Learning", 2015, arXiv:1507.06527 |
+
+The network is `dddqn`'s with an LSTM in place of the first layer (section 4.2 of the study). While acting, a train
+carries the LSTM's state from decision to decision. In training the state is zero at the start of a sequence, which is
+the last `dqn.sequence_decisions` decisions of a train up to the transition's own; those for the next observation are
+one decision later. Where a train's episode is younger, the state stays zero up to its first decision, as it acted.
+
+Deviations: Hausknecht & Stone learn from every step of a sequence. Here, as in all of the study's value methods, each
+transition drawn gives one error, the last of its sequence: only that one has a past, and the replay stays one of
+transitions, prioritised or not. The length is ours, the text gives none.
+"""
+
+import torch
+from torch import Tensor
+
+from common.policy.recurrent import build_recurrent_network
+from services.learner.algorithms.dqn import Dqn
+from services.learner.learning import Learning
+from services.learner.replay.replay import Replay, Sample
+from services.learner.training import ValueTrainer, value_sections
+
+
+def build(learning: Learning) -> ValueTrainer:
+    """The trainer of `drqn`."""
+    sections = value_sections("drqn", learning, kinds=("recurrent",))
+    network = build_recurrent_network(learning.network, learning.n_features, learning.n_actions, learning.seed)
+
+    def sequences(replay: Replay, sample: Sample) -> tuple[Tensor, Tensor]:
+        """What the network sees of a sample: sequences [L, B, F] that end before and after each transition."""
+        tm1 = replay.histories(sample.places, sections.dqn.sequence_decisions)
+        return tm1, torch.cat((tm1[1:], sample.columns["observation_t"].unsqueeze(0)))
+
+    return ValueTrainer(learning, sections, Dqn(sections.dqn, network), sequences)
