@@ -99,7 +99,9 @@ def learn(replay, *, episodes, kind="plain", **switches):
         episodes=episodes,
         discount=DISCOUNT,
         network=NetworkConfig(hidden=layout.hidden, kind=kind),
-        dqn=DqnConfig(**{"learning_rate": 0.002, "batch_size": 32, "learn_every_steps": 2, "target_tau": 0.05} | switches),
+        dqn=DqnConfig(
+            **{"learning_rate": 0.002, "batch_size": 32, "learn_every_steps": 2, "target_tau": 0.05} | switches
+        ),
         replay=ReplayConfig(kind=replay, capacity=5000),
         n_features=layout.n_features,
         n_actions=layout.n_actions,

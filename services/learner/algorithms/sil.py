@@ -29,7 +29,7 @@ from services.learner.algorithms.ppo import WholeEpisodes, check_finite, log_pro
 from services.learner.experience import Experience, ExperienceReplay
 from services.learner.learning import Learning, Trainer
 from services.learner.network.policies import PolicyNetwork
-from services.learner.network.sparse import sparse_rows
+from services.learner.network.sparse import SparseRows, sparse_rows
 from services.learner.policy_training import PolicyTrainer, build_network
 
 
@@ -63,20 +63,56 @@ def imitation_value_loss(value: Tensor, return_t: Tensor) -> Tensor:
     return (return_t - value).clamp(min=0).square() / 2
 
 
+class Sil:
+    """Trains an actor-critic, a batch at a time."""
+
+    def __init__(self, config: SilConfig, network: PolicyNetwork) -> None:
+        self._config = config
+        self._network = network
+
+    def update(self, x: SparseRows, batch: Experience) -> tuple[dict[str, float], Tensor]:
+        """One step of Adam on `policy loss + beta * value loss`, means over the batch.
+
+        Args:
+            x: [B, F], the batch's observations.
+            batch: B decisions.
+
+        Returns:
+            `sil_policy_loss` and `sil_value_loss`; `sil_gain`, the mean of (R - V)+, and `sil_positive_share`, of
+            decisions that have any; `sil_gradient_norm`, L2; all before the step. And the gains [B].
+
+        Raises:
+            FloatingPointError: the loss is not finite; the network is as it was.
+        """
+        logits, value = self._network.outputs(x)
+        gain = (batch.least_return_t - value).detach().clamp(min=0)
+        policy_loss = imitation_policy_loss(log_probability(logits, batch.action_tm1), gain).mean()
+        value_loss = imitation_value_loss(value, batch.least_return_t).mean()
+        loss = policy_loss + self._config.value_weight * value_loss
+        check_finite(loss)
+        gradient_norm = self._network.descend(loss)
+        metrics = {
+            "sil_policy_loss": policy_loss.item(),
+            "sil_value_loss": value_loss.item(),
+            "sil_gain": gain.mean().item(),
+            "sil_positive_share": (gain > 0).float().mean().item(),
+            "sil_gradient_norm": gradient_norm,
+        }
+        return metrics, gain
+
+
 class SelfImitation:
     """`ppo`'s epochs on the whole episode, then epochs on prioritised batches of all episodes."""
 
-    def __init__(
-        self, config: SilConfig, on_policy: WholeEpisodes, network: PolicyNetwork, replay: ExperienceReplay
-    ) -> None:
+    def __init__(self, config: SilConfig, on_policy: WholeEpisodes, sil: Sil, replay: ExperienceReplay) -> None:
         self._config = config
         self._on_policy = on_policy
-        self._network = network
+        self._sil = sil
         self._replay = replay
 
     def learn(self, new: Experience) -> list[dict[str, float]]:
         rows = self._on_policy.learn(new)
-        self._replay.add(new, _positive(new.least_return_t - new.value_tm1))
+        self._replay.add(new, _priorities(new.least_return_t - new.value_tm1))
         if len(self._replay) < self._config.batch_size:
             return rows
         return rows + [self._imitate() for _ in range(self._config.epochs)]
@@ -91,27 +127,14 @@ class SelfImitation:
         self._replay.restore(state)
 
     def _imitate(self) -> dict[str, float]:
-        """One step of Adam on `policy loss + beta * value loss`, then new priorities."""
         batch, places = self._replay.sample(self._config.batch_size)
-        logits, value = self._network.outputs(sparse_rows(batch.observation_tm1))
-        gain = (batch.least_return_t - value).detach().clamp(min=0)
-        policy_loss = imitation_policy_loss(log_probability(logits, batch.action_tm1), gain).mean()
-        value_loss = imitation_value_loss(value, batch.least_return_t).mean()
-        loss = policy_loss + self._config.value_weight * value_loss
-        check_finite(loss)
-        gradient_norm = self._network.descend(loss)
-        self._replay.reprioritise(places, _positive(gain))
-        return {
-            "sil_policy_loss": policy_loss.item(),
-            "sil_value_loss": value_loss.item(),
-            "sil_gain": gain.mean().item(),
-            "sil_positive_share": (gain > 0).float().mean().item(),
-            "sil_gradient_norm": gradient_norm,
-        }
+        metrics, gain = self._sil.update(sparse_rows(batch.observation_tm1), batch)
+        self._replay.reprioritise(places, _priorities(gain))
+        return metrics
 
 
-def _positive(gain: Tensor) -> NDArray[np.float64]:
-    """Priorities: the positive parts."""
+def _priorities(gain: Tensor) -> NDArray[np.float64]:
+    """The positive parts."""
     return np.maximum(gain.numpy(), 0).astype(np.float64)
 
 
@@ -128,4 +151,5 @@ def build(learning: Learning) -> Trainer:
         raise ValueError(f"sil wants replay.kind prioritized and replay.beta 0, not {replay.kind} and {replay.beta}")
     network = build_network(learning, ppo)
     buffer = ExperienceReplay(replay, learning.n_features, learning.seed)
-    return PolicyTrainer(learning, network, SelfImitation(sil, WholeEpisodes(ppo, network), network, buffer))
+    rule = SelfImitation(sil, WholeEpisodes(ppo, network), Sil(sil, network), buffer)
+    return PolicyTrainer(learning, network, rule)

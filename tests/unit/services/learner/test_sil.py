@@ -9,8 +9,9 @@ from test_ppo import SETTINGS, batch_of, make_network
 
 from common.config import PpoConfig, ReplayConfig, SilConfig
 from services.learner.algorithms.ppo import WholeEpisodes
-from services.learner.algorithms.sil import SelfImitation, imitation_policy_loss, imitation_value_loss
+from services.learner.algorithms.sil import SelfImitation, Sil, imitation_policy_loss, imitation_value_loss
 from services.learner.experience import ExperienceReplay
+from services.learner.network.sparse import sparse_rows
 
 
 def test_imitation_policy_loss_by_hand():
@@ -47,7 +48,7 @@ def make_rule(*, epochs=1, batch_size=2, value_weight=0.01):
     config = PpoConfig(**(SETTINGS | {"epochs": 1, "learning_rate": 1e-30}))  # ppo's epochs leave the network alone
     network, replay = make_network(config), Drawn(10)
     sil = SilConfig(epochs=epochs, batch_size=batch_size, value_weight=value_weight)
-    return SelfImitation(sil, WholeEpisodes(config, network), network, replay), network, replay
+    return SelfImitation(sil, WholeEpisodes(config, network), Sil(sil, network), replay), network, replay
 
 
 def test_only_what_turned_out_well_is_drawn_and_imitated():
@@ -69,15 +70,26 @@ def test_only_what_turned_out_well_is_drawn_and_imitated():
     )
 
 
-def test_imitation_moves_the_policy_towards_the_action_and_the_value_towards_the_return():
-    config = PpoConfig(**(SETTINGS | {"epochs": 1}))
-    network, replay = make_network(config), Drawn(10)
-    rule = SelfImitation(SilConfig(epochs=1, batch_size=1), WholeEpisodes(config, network), network, replay)
-    before = network.weights()
-    replay.add(batch_of([1], [-0.1]), np.array([1.0]))
-    rule._imitate()
-    assert network.weights()["actor.bias"][1] > before["actor.bias"][1]
-    assert network.weights()["critic.bias"] > before["critic.bias"]
+def test_an_update_by_hand():
+    network = make_network(PpoConfig(**SETTINGS))
+    batch = batch_of([1, 0], [-0.1, -0.9])  # gains 0.4 and 0; the value is -0.5
+    metrics, gain = Sil(SilConfig(epochs=1, batch_size=2, value_weight=0.5), network).update(
+        sparse_rows(batch.observation_tm1), batch
+    )
+    assert gain.tolist() == pytest.approx([0.4, 0])
+    # dL/dlogits is -0.4 * (-0.5, 0.5) / 2 = (0.1, -0.1); dL/dvalue is 0.5 * -0.4 / 2 = -0.1.
+    assert metrics == pytest.approx(
+        {
+            "sil_policy_loss": 0.2 * math.log(2),
+            "sil_value_loss": 0.04,
+            "sil_gain": 0.2,
+            "sil_positive_share": 0.5,
+            "sil_gradient_norm": math.sqrt(3 * 0.1**2),
+        },
+        rel=1e-5,
+    )
+    np.testing.assert_allclose(network.weights()["actor.bias"], [-0.1, 0.1], rtol=1e-5)
+    np.testing.assert_allclose(network.weights()["critic.bias"], [-0.4], rtol=1e-5)
 
 
 def test_no_imitation_before_the_replay_holds_a_batch():
