@@ -78,7 +78,7 @@ def as_episode(number, steps, decisions, free_at, place):
         rewards=-(np.arange(steps)[:, None] < np.array(free_at)).astype(np.float32),
         arrived_at=np.where(arrived, np.array(free_at) - 1, -1).astype(np.int32),
         final_observations=np.where(arrived[:, None], np.float32(0), PLACES[place]),
-        states=np.zeros((TRAINS, 0), np.float32),
+        states=np.zeros((len(place), 0), np.float32),
     )
 
 
@@ -91,8 +91,8 @@ METHODS = {
 }
 
 
-def learn(replay, *, episodes, kind="plain", **switches):
-    """The compiled twin of a network trained on `episodes` of this world."""
+def learn(replay, *, episodes, act=act, kind="plain", **switches):
+    """The compiled twin of a network trained on so many episodes that `act` plays."""
     layout = Layout(kind, 4, 3, (32, 32))
     learning = Learning(
         seed=1,
@@ -125,3 +125,27 @@ def test_the_optimal_policy_and_its_values_are_found(method, replay):
     for number in range(4):  # along a way, too
         steps = STEPS_LEFT[[(number + train) % 4 for train in range(TRAINS)]]
         assert act(number, twin, 0.0, greedy=True).arrived_at.tolist() == (steps - 1).tolist()
+
+
+CUES = np.array([[0, -1, -1, -1], [-1, 0, -1, -1]], np.float32)  # which way to take at the fork
+FORK, ASTRAY = np.array([-1, -1, 0, -1], np.float32), np.array([-1, -1, -1, 0], np.float32)
+
+
+def act_by_memory(number, twin, epsilon, *, greedy=False):
+    """One train sees a cue, then a fork that looks the same whatever the cue was, and is led astray if it forgot."""
+    choose = twin.in_episode(epsilon, stream_key(2, number, "explore"), 1, greedy=greedy)
+    seen = [CUES[number % 2], FORK]
+    actions = [choose(observation, step, 0) for step, observation in enumerate(seen)]
+    steps = 2 if actions[1] == number % 2 else 8
+    if steps == 8:
+        seen.append(ASTRAY)
+        actions.append(choose(ASTRAY, 2, 0))
+    decisions = [(step, 0, action, 0) for step, action in enumerate(actions)]
+    episode = as_episode(number, steps, decisions, [steps], [ARRIVED])
+    return episode.model_copy(update={"observations": np.array(seen)})
+
+
+def test_a_recurrent_network_remembers_what_it_saw_before():
+    twin = learn("uniform", episodes=300, act=act_by_memory, **METHODS["drqn"])
+    for number in range(2):
+        assert len(act_by_memory(number, twin, 0.0, greedy=True).rewards) == 2

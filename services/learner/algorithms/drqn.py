@@ -14,6 +14,8 @@ transition drawn gives one error, the last of its sequence: only that one has a 
 transitions, prioritised or not. The length is ours, the text gives none.
 """
 
+from functools import partial
+
 import torch
 from torch import Tensor
 
@@ -29,9 +31,11 @@ def build(learning: Learning) -> ValueTrainer:
     sections = value_sections("drqn", learning, kinds=("recurrent",))
     network = build_recurrent_network(learning.network, learning.n_features, learning.n_actions, learning.seed)
 
-    def sequences(replay: Replay, sample: Sample) -> tuple[Tensor, Tensor]:
-        """What the network sees of a sample: sequences [L, B, F] that end before and after each transition."""
-        tm1 = replay.histories(sample.places, sections.dqn.sequence_decisions)
-        return tm1, torch.cat((tm1[1:], sample.columns["observation_t"].unsqueeze(0)))
+    look = partial(sequences, length=sections.dqn.sequence_decisions)
+    return ValueTrainer(learning, sections, Dqn(sections.dqn, network), look)
 
-    return ValueTrainer(learning, sections, Dqn(sections.dqn, network), sequences)
+
+def sequences(replay: Replay, sample: Sample, length: int) -> tuple[Tensor, Tensor]:
+    """What the network sees of a sample: sequences [L, B, F] that end before and after each transition."""
+    tm1 = replay.histories(sample.places, length)
+    return tm1, torch.cat((tm1[1:], sample.columns["observation_t"].unsqueeze(0)))

@@ -57,8 +57,13 @@ def flatten_where_far(y: NDArray[np.float32], gradient: NDArray[np.float32]) -> 
         gradient[i] = gradient[i] * (np.float32(1) - y[i] * y[i])
 
 
+def tanh_(x: Tensor) -> Tensor:
+    """Tanh in place, as `2 sigmoid(2 x) - 1`: several times as fast as torch's own here, and as exact as sums."""
+    return x.mul_(2).sigmoid_().mul_(2).sub_(1)
+
+
 RELU = Activation(torch.relu_, lambda y, gradient: stop_where_zero(y.view(-1).numpy(), gradient.view(-1).numpy()))
-TANH = Activation(torch.tanh_, lambda y, gradient: flatten_where_far(y.view(-1).numpy(), gradient.view(-1).numpy()))
+TANH = Activation(tanh_, lambda y, gradient: flatten_where_far(y.view(-1).numpy(), gradient.view(-1).numpy()))
 
 
 class Linear:

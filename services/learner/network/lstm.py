@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from common.kernel import bare_kernel
-from services.learner.network.layers import Memory
+from services.learner.network.layers import Memory, tanh_
 from services.learner.network.parameters import Parameters
 from services.learner.network.sparse import SparseRows, accumulate, multiply
 
@@ -47,11 +47,11 @@ class Lstm:
             if t > 0:
                 gates[t].addmm_(hiddens[t - 1], self._hidden)
             gates[t, :, : 2 * width].sigmoid_()
-            gates[t, :, 2 * width : 3 * width].tanh_()
+            tanh_(gates[t, :, 2 * width : 3 * width])
             gates[t, :, 3 * width :].sigmoid_()
             remember(gates[t].numpy(), before.numpy(), self._begun[t], cells[t].numpy())
             before = cells[t]
-            torch.tanh(before, out=tanhs[t])
+            tanh_(tanhs[t].copy_(before))
             torch.mul(gates[t, :, 3 * width :], tanhs[t], out=hiddens[t])
         return hiddens[-1]
 

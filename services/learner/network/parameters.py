@@ -1,8 +1,9 @@
 """A network's parameters as views of one flat tensor, and their gradients as views of another.
 
 So what is done to all of them is one call: a step of Adam, a norm, a soft update. Weights lie transposed, a row an
-input, so that an input of zero leaves out a whole row (as in `common.policy.packing`). Every view begins on a cache
-line: torch's kernels give the same bits for the same numbers only at the same alignment. The gaps stay zero.
+input, so that an input of zero leaves out a whole row (as in `common.policy.packing`); those of heads, which are
+narrow, lie as torch has them, since its products are twice as fast so. Every view begins on a cache line: torch's
+kernels give the same bits for the same numbers only at the same alignment. The gaps stay zero.
 """
 
 import torch
@@ -39,4 +40,5 @@ class Parameters:
 
     def _view(self, flat: Tensor, name: str) -> Tensor:
         start, shape = self._starts[name], self._shapes[name]
-        return flat[start : start + shape.numel()].view(*reversed(shape))
+        part = flat[start : start + shape.numel()]
+        return part.view(shape).t() if shape[0] < LINE else part.view(*reversed(shape))

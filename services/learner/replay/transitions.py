@@ -17,7 +17,7 @@ is cut into fragments.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,8 @@ COLUMNS: Mapping[str, type[np.generic]] = {
     "discount_t": np.float32,
     "back": np.int32,
 }
+Number = TypeVar("Number", bound=np.generic)
+
 NONE = -1  # no decision pending, no transition before, nothing that follows
 
 _ENDS = np.dtype(
@@ -118,9 +120,12 @@ class TransitionMaker:
         if not self.is_open:
             self._begin(*episode.final_observations.shape)
         ends = np.empty(len(episode.times) + len(self._pending), _ENDS)
-        arrays = (episode.times, episode.trains, episode.actions, episode.rewards, episode.arrived_at)
         count = follow(
-            *(np.require(array, requirements="CAW") for array in arrays),  # a wire's may be compiled for anew
+            plain(episode.times),
+            plain(episode.trains),
+            plain(episode.actions),
+            plain(episode.rewards),
+            plain(episode.arrived_at),
             episode.first_step,
             episode.over,
             self._discount,
@@ -172,6 +177,11 @@ class TransitionMaker:
         new = np.flatnonzero(seen >= n_trains)
         self._seen[new] = episode.observations[seen[new] - n_trains]
         seen[new] = new
+
+
+def plain(array: NDArray[Number]) -> NDArray[Number]:
+    """The array, or a copy if it lies as a wire's may: for each way to lie, functions are compiled anew."""
+    return np.require(array, requirements=["C", "A", "W"])
 
 
 @bare_kernel

@@ -1,0 +1,45 @@
+"""What the recurrent network is trained on."""
+
+import numpy as np
+from made_episodes import decided
+
+from common.config import ReplayConfig
+from services.learner.algorithms.drqn import sequences
+from services.learner.replay.replay import Replay, Sample
+from services.learner.replay.transitions import COLUMNS, ROWS, TransitionMaker
+
+
+def test_sequences_are_what_a_train_saw_up_to_a_transition_and_from_one_decision_on():
+    replay = Replay(ReplayConfig(capacity=20), COLUMNS, ROWS, n_features=1)
+    for number in range(2):  # what a train saw in the episode before does not belong to it
+        seen = 10 * number
+        decisions = [
+            (0, 0, 2, seen + 1),
+            (0, 1, 2, seen + 5),
+            (1, 0, 2, seen + 2),
+            (2, 1, 2, seen + 6),
+            (3, 0, 2, seen + 3),
+        ]
+        episode = decided(number, decisions, np.full((5, 2), -1), [-1, 4], [seen + 4, 0])
+        replay.add(TransitionMaker(0.9).take(episode)[:])
+    sample = replay.sample(1, np.random.default_rng(1))
+    order = [replay.sample(200, np.random.default_rng(2))]
+    found = {}
+    for place in range(len(replay)):
+        row = int(np.flatnonzero(order[0].places == place)[0])
+        columns = {name: tensor[row : row + 1] for name, tensor in order[0].columns.items()}
+        before, after = sequences(replay, Sample(columns, sample.weights, np.array([place])), length=3)
+        assert before.shape == after.shape == (3, 1, 1)
+        found[tuple(before.flatten().tolist())] = after.flatten().tolist()
+    assert found == {
+        (0, 0, 1): [0, 1, 2],
+        (0, 1, 2): [1, 2, 3],
+        (1, 2, 3): [2, 3, 4],  # truncated: what it saw last
+        (0, 0, 5): [0, 5, 6],
+        (0, 5, 6): [5, 6, 0],  # arrived
+        (0, 0, 11): [0, 11, 12],
+        (0, 11, 12): [11, 12, 13],
+        (11, 12, 13): [12, 13, 14],
+        (0, 0, 15): [0, 15, 16],
+        (0, 15, 16): [15, 16, 0],
+    }
