@@ -84,7 +84,8 @@ class Replay:
         places = np.arange(first, self._added + count) % self._capacity
         if self._priorities:
             self._priorities.put(places, None if priorities is None else priorities[kept])
-        self._rows.add(tuple(_bits(items[name][kept]) for name in self._row_names), first)
+        since = first if kept.start else 0
+        self._rows.add(tuple(_bits(items[name][kept]) for name in self._row_names), first, since)
         for name, column in self._columns.items():
             column[places] = items[name][kept]
         self._added += count

@@ -13,6 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import bare_kernel
+from services.learner.replay.prefetch import prefetch
+
+WORDS_PER_LINE = 16  # of the cache
+LINES = 4  # that two rows of an observation lie in
 
 Words = NDArray[np.uint32]
 Rows = tuple[Words, ...]  # [B, F] each: the bits of float32
@@ -27,43 +31,44 @@ class RowRing:
         self._n_features = n_features
         self._position: np.dtype[Any] = np.min_scalar_type(n_features)  # uint8 for the study's 252
         self._largest = n_rows * int(room(n_features, self._position.itemsize))  # words of an item without a zero
-        self._ends = np.zeros((capacity, 2), np.int64)  # where in the arena an item starts, and what follows it
+        self._starts = np.empty(capacity, np.int64)  # where in the arena an item starts
+        self._ends = np.empty(capacity, np.int64)  # and what follows it
         self._words = np.empty(0, np.uint32)
 
     @property
     def nbytes(self) -> int:
         """Bytes of all arrays."""
-        return self._ends.nbytes + self._words.nbytes
+        return self._starts.nbytes + self._ends.nbytes + self._words.nbytes
 
-    def add(self, rows: Rows, first: int) -> None:
-        """Add M items, at most the capacity, the first of them being the `first`-th ever."""
+    def add(self, rows: Rows, first: int, since: int = 0) -> None:
+        """Add M items, at most the capacity, numbered from `first` on; of those before, all below `since` are gone."""
         if any(row.shape != (len(rows[0]), self._n_features) for row in rows):
             raise ValueError(f"rows have {self._n_features} values here, not {[row.shape for row in rows]}")
         done = 0
         while True:
-            done += put(rows, done, first + done, self._ends, *self._arena)
+            done += put(rows, done, first + done, since, self._starts, self._ends, *self._arena)
             if done == len(rows[0]):
                 return
-            self._grow(first + done)
+            self._grow(first + done, since)
 
     def gather(self, places: NDArray[np.int64], out: Rows) -> None:
         """Write the first rows of the items at `places` [B] into as many `out`; place -1 gives zeros."""
-        expand(places, self._ends, *self._arena, out)
+        expand(places, self._starts, *self._arena, out)
 
     def state(self, size: int) -> Words:
         """The items at places 0..size-1, one behind the other."""
-        ends = self._ends[:size].copy()
-        words = np.empty(int((ends[:, 1] - ends[:, 0]).sum()), np.uint32)
-        relay(np.arange(size), ends, self._words, words)
+        starts, ends = self._starts[:size].copy(), self._ends[:size].copy()
+        words = np.empty(int((ends - starts).sum()), np.uint32)
+        relay(np.arange(size), starts, ends, self._words, words)
         return words
 
     def located(self, words: Words, size: int) -> NDArray[np.int64]:
-        """Where each of the `size` items of a `state` starts and ends, [size, 2].
+        """Where the `size` items of a `state` end, one behind the other.
 
         Raises:
             ValueError: they are not so many items of such rows.
         """
-        ends = np.zeros((size, 2), np.int64)
+        ends = np.empty(size, np.int64)
         if not locate(words, words.view(self._position), self._n_rows, self._n_features, ends):
             raise ValueError(
                 f"replay: rows: {len(words)} words are not {size} times {self._n_rows} rows of {self._n_features}"
@@ -73,22 +78,23 @@ class RowRing:
     def restore(self, words: Words, ends: NDArray[np.int64], oldest: int) -> None:
         """Take on a `state` as the newest items ever; the oldest of them lies at place `oldest`."""
         size = len(ends)
+        self._starts[:size] = np.concatenate(([0], ends))[:size]
         self._ends[:size] = ends
         self._words = np.empty_like(words)
-        relay((oldest + np.arange(size)) % max(size, 1), self._ends, words, self._words)
+        relay((oldest + np.arange(size)) % max(size, 1), self._starts, self._ends, words, self._words)
 
     @property
     def _arena(self) -> tuple[Words, NDArray[Any]]:
         """The same memory twice: as words, and as positions."""
         return self._words, self._words.view(self._position)
 
-    def _grow(self, number: int) -> None:
+    def _grow(self, number: int, since: int) -> None:
         """Make the arena larger before item `number` comes, so that it fits."""
-        order = np.arange(max(0, number - self._capacity + 1), number) % self._capacity
-        live = int((self._ends[order, 1] - self._ends[order, 0]).sum())
+        order = np.arange(max(since, number - self._capacity + 1), number) % self._capacity
+        live = int((self._ends[order] - self._starts[order]).sum())
         # Not zeros: the kernel gives pages to this memory only as it fills.
         words = np.empty(live + live // 4 + self._largest + 1, np.uint32)
-        relay(order, self._ends, self._words, words)
+        relay(order, self._starts, self._ends, self._words, words)
         self._words = words
 
 
@@ -99,7 +105,16 @@ def room(length: int, width: int) -> int:
 
 
 @bare_kernel
-def put(rows: Rows, begin: int, first: int, ends: NDArray[np.int64], words: Words, positions: NDArray[Any]) -> int:
+def put(
+    rows: Rows,
+    begin: int,
+    first: int,
+    since: int,
+    starts: NDArray[np.int64],
+    ends: NDArray[np.int64],
+    words: Words,
+    positions: NDArray[Any],
+) -> int:
     """Add items from `begin` on until one does not fit; returns how many did.
 
     The live items lie from `head`, where the oldest starts, to `tail`, where the newest ends, perhaps around the end of
@@ -109,10 +124,10 @@ def put(rows: Rows, begin: int, first: int, ends: NDArray[np.int64], words: Word
     capacity, size, width = len(ends), len(words), positions.itemsize
     for item in range(begin, len(rows[0])):
         number = first + item - begin
-        oldest = max(0, number - capacity + 1)  # who lies where this item goes has gone
+        oldest = max(since, number - capacity + 1)  # who lies where this item goes has gone
         head = tail = 0
         if oldest < number:
-            head, tail = ends[oldest % capacity, 0], ends[(number - 1) % capacity, 1]
+            head, tail = starts[oldest % capacity], ends[(number - 1) % capacity]
         needed = 0
         for row in rows:
             length = 0
@@ -124,10 +139,10 @@ def put(rows: Rows, begin: int, first: int, ends: NDArray[np.int64], words: Word
         limit = head if around or tail < head else size + 1
         if start + needed >= limit:
             return item - begin
-        ends[number % capacity, 0] = start
+        starts[number % capacity] = start
         for row in rows:
             start = squeeze(row[item], start, words, positions)
-        ends[number % capacity, 1] = start
+        ends[number % capacity] = start
     return len(rows[0]) - begin
 
 
@@ -153,15 +168,16 @@ def squeeze(row: Words, start: int, words: Words, positions: NDArray[Any]) -> in
 
 
 @bare_kernel
-def expand(places: NDArray[np.int64], ends: NDArray[np.int64], words: Words, positions: NDArray[Any], out: Rows) -> int:
-    """Write the rows at `places` [B] into `out`, [B, F] each; see `RowRing.gather`. What it returns means nothing."""
-    touched = 0  # memory is slow, but serves many at a time: all is asked for before anything is waited for
+def expand(
+    places: NDArray[np.int64], starts: NDArray[np.int64], words: Words, positions: NDArray[Any], out: Rows
+) -> None:
+    """Write the rows at `places` [B] into `out`, [B, F] each; see `RowRing.gather`."""
     for place in places:
-        start = ends[max(place, 0), 0]
-        touched += words[start] + words[min(start + 16, len(words) - 1)] + words[min(start + 32, len(words) - 1)]
+        for line in range(LINES):
+            prefetch(words, starts[max(place, 0)] + line * WORDS_PER_LINE)  # all at once, before any is waited for
     per_word = 4 // positions.itemsize
     for item in range(len(places)):
-        start = ends[max(places[item], 0), 0]
+        start = starts[max(places[item], 0)]
         for row in out:
             row[item, :] = 0
             if places[item] >= 0:
@@ -170,27 +186,27 @@ def expand(places: NDArray[np.int64], ends: NDArray[np.int64], words: Words, pos
                 for value in range(length):
                     row[item, positions[cell + value]] = words[start + 1 + value]
                 start += room(length, positions.itemsize)
-    return touched
 
 
 @bare_kernel
-def relay(order: NDArray[np.int64], ends: NDArray[np.int64], words: Words, new_words: Words) -> None:
-    """Lay the items at places `order` into a new arena, one behind the other; `ends` follows."""
+def relay(
+    order: NDArray[np.int64], starts: NDArray[np.int64], ends: NDArray[np.int64], words: Words, new_words: Words
+) -> None:
+    """Lay the items at places `order` into a new arena, one behind the other; `starts` and `ends` follow."""
     end = 0
     for place in order:
-        start, length = ends[place, 0], ends[place, 1] - ends[place, 0]
+        start, length = starts[place], ends[place] - starts[place]
         for word in range(length):
             new_words[end + word] = words[start + word]
-        ends[place, 0], ends[place, 1] = end, end + length
+        starts[place], ends[place] = end, end + length
         end += length
 
 
 @bare_kernel
 def locate(words: Words, positions: NDArray[Any], n_rows: int, n_features: int, ends: NDArray[np.int64]) -> bool:
-    """Fill `ends` with where each item starts and ends; whether all words are used and every position exists."""
+    """Fill `ends` with where each item ends; whether all words are used and every position exists."""
     start, per_word = 0, 4 // positions.itemsize
     for item in range(len(ends)):
-        ends[item, 0] = start
         for _ in range(n_rows):
             if start >= len(words) or words[start] > n_features:
                 return False
@@ -202,5 +218,5 @@ def locate(words: Words, positions: NDArray[Any], n_rows: int, n_features: int, 
             for value in range(length):
                 if positions[cell + value] >= n_features:
                     return False
-        ends[item, 1] = start
+        ends[item] = start
     return start == len(words)
