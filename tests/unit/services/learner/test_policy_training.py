@@ -9,7 +9,8 @@ import sys
 
 import numpy as np
 import pytest
-from test_training import at_offset, make_episode, weights_hash
+from made_episodes import at_offset, make_episode
+from test_training import weights_hash
 
 from common.config import NetworkConfig, PpoConfig, ReplayConfig, SilConfig
 from services.learner.learning import Learning, build_trainer

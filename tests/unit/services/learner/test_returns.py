@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from test_training import make_episode
+from made_episodes import make_episode
 
 from services.learner.returns import LEAST, decision_returns
 
