@@ -42,7 +42,7 @@ class ReplayConfig(Strict):
     kind: Literal["uniform", "prioritized"] = "uniform"
     capacity: int = Field(ge=1, le=10_000_000)  # transitions
     alpha: float = Field(default=0.6, ge=0, le=1)  # exponent of the priorities; 0 is uniform
-    beta: float = Field(default=0.4, ge=0, le=1)  # exponent of the importance weights, growing to 1 over the run
+    beta: float = Field(default=0.4, ge=0, le=1)  # of importance weights, growing to 1 over the run; sil wants none: 0
 
 
 class DqnConfig(Strict):

@@ -5,15 +5,16 @@ losses must agree. Theirs is what a textbook writes: modules, autograd, `torch.o
 one thread. Neither pays for drawing from the replay; ours pays for finding the zeros of its observations.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 
 from common.bench import Comparison, DisagreementError, Sample, run, timed
-from common.config import DqnConfig, NetworkConfig
+from common.config import DqnConfig, NetworkConfig, PpoConfig, SilConfig
 from common.levels.legacy import generate
+from common.policy.actor_critic import build_actor_critic
 from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters
 from common.policy.packing import Kind, Layout
@@ -23,7 +24,13 @@ from common.policy.rollout import Rollouts
 from common.rail.normalise import N_FEATURES
 from common.rail.world import N_ACTIONS
 from services.learner.algorithms.dqn import Dqn
+from services.learner.algorithms.ppo import Ppo
+from services.learner.algorithms.sil import Sil
+from services.learner.experience import Experience
+from services.learner.network.policies import PolicyNetwork
+from services.learner.network.sparse import SparseRows, sparse_rows
 from services.learner.plain_dqn import PlainDqn
+from services.learner.plain_policy import PlainPolicy
 from services.learner.training import Batch
 
 HIDDEN = (128, 128)
@@ -81,11 +88,58 @@ def value_case(name: str, kind: Kind, batch_size: int, target_tau: float | None 
     return Case(f"{name} update, {' sequences of '.join(map(str, reversed(rows)))} transitions", sides, batch)
 
 
+def policy_case(name: str, batch_size: int, sil: SilConfig | None = None) -> Case:
+    """An update of `ppo` or, if there is `sil`, of self-imitation."""
+    ppo = PpoConfig(learning_rate=5e-4, epochs=1)
+
+    def sides() -> tuple[Learn, Learn]:
+        config = NetworkConfig(kind="actor-critic", hidden=HIDDEN)
+        network = build_actor_critic(config, N_FEATURES, N_ACTIONS, seed=1)
+        flat, plain = PolicyNetwork(network, ppo.learning_rate, ppo.max_gradient_norm), PlainPolicy(network, ppo)
+        if sil is not None:
+            ours = Sil(sil, flat)
+            return lambda batch: imitation_loss(ours.update(rows(batch), batch)[0], sil), lambda batch: plain.imitate(
+                batch, sil
+            )
+        return lambda batch: ppo_loss(Ppo(ppo, flat).update(rows(batch), batch), ppo), plain.update
+
+    def batch(seen: Seen, rng: np.random.Generator) -> Experience:
+        return Experience(
+            observation_tm1=seen.draw(rng, batch_size),
+            action_tm1=torch.tensor(rng.integers(N_ACTIONS, size=batch_size)),
+            return_t=torch.tensor(-rng.random(batch_size, np.float32)),
+            least_return_t=torch.tensor(-rng.random(batch_size, np.float32)),
+            log_probability_tm1=torch.tensor(-1 - rng.random(batch_size, np.float32)),
+            value_tm1=torch.tensor(-rng.random(batch_size, np.float32)),
+        )
+
+    return Case(f"{name} update, {batch_size} transitions", sides, batch)
+
+
+def rows(batch: Experience) -> SparseRows:
+    """A batch's observations."""
+    return sparse_rows(batch.observation_tm1)
+
+
+def ppo_loss(metrics: Mapping[str, float], ppo: PpoConfig) -> float:
+    """The loss that was descended on."""
+    value_part, bonus = ppo.value_weight * metrics["value_loss"], ppo.entropy_weight * metrics["entropy"]
+    return metrics["policy_loss"] + value_part - bonus
+
+
+def imitation_loss(metrics: Mapping[str, float], sil: SilConfig) -> float:
+    """The loss that was descended on."""
+    return metrics["sil_policy_loss"] + sil.value_weight * metrics["sil_value_loss"]
+
+
 CASES = (
     value_case("dqn", "plain", 128, target_tau=None),
     value_case("ddqn", "plain", 150),
     value_case("dddqn", "dueling", 150),
     value_case("drqn", "recurrent", 150),
+    policy_case("ppo", 1200),
+    policy_case("ppor", 300),
+    policy_case("sil", 300, SilConfig(epochs=1, batch_size=300)),
 )
 
 

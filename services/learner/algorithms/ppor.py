@@ -1,0 +1,65 @@
+"""PPO with a replay buffer: each epoch is an update on a batch of decisions of many episodes, drawn uniformly.
+
+Section 4.3 of the study. A decision is kept with its return, and with the log-probability and the value that it had
+when it was made; `ppo`'s losses are taken with these. So the ratio of probabilities reaches far beyond one episode, and
+for decisions that the policy has long moved away from the clipped objective has no gradient: they no longer teach the
+actor what it already does, only what it has unlearned.
+
+What the text leaves open: there is no update until the replay holds a batch.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from numpy.typing import NDArray
+
+from common.config import PpoConfig
+from services.learner.algorithms.ppo import Ppo
+from services.learner.experience import Experience, ExperienceReplay
+from services.learner.learning import Learning, Trainer
+from services.learner.network.policies import PolicyNetwork
+from services.learner.network.sparse import sparse_rows
+from services.learner.policy_training import PolicyTrainer, build_network
+
+
+class FromReplay:
+    """Every epoch is an update on a batch from the replay."""
+
+    def __init__(self, config: PpoConfig, batch_size: int, network: PolicyNetwork, replay: ExperienceReplay) -> None:
+        self._epochs = config.epochs
+        self._batch_size = batch_size
+        self._ppo = Ppo(config, network)
+        self._replay = replay
+
+    def learn(self, new: Experience) -> list[dict[str, float]]:
+        self._replay.add(new)
+        if len(self._replay) < self._batch_size:
+            return []
+        return [self._update() for _ in range(self._epochs)]
+
+    def telling(self) -> dict[str, float]:
+        return self._replay.telling()
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        return self._replay.state()
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        self._replay.restore(state)
+
+    def _update(self) -> dict[str, float]:
+        batch, _ = self._replay.sample(self._batch_size)
+        return self._ppo.update(sparse_rows(batch.observation_tm1), batch)
+
+
+def build(learning: Learning) -> Trainer:
+    """The trainer of a run of `ppor`.
+
+    Raises:
+        ValueError: the section ppo, its batch size or the section replay is missing, or the replay is prioritised.
+    """
+    ppo, replay = learning.ppo, learning.replay
+    if ppo is None or ppo.batch_size is None or replay is None or replay.kind != "uniform":
+        raise ValueError("ppor wants a section ppo with a batch_size, and a uniform replay")
+    network = build_network(learning, ppo)
+    rule = FromReplay(ppo, ppo.batch_size, network, ExperienceReplay(replay, learning.n_features, learning.seed))
+    return PolicyTrainer(learning, network, rule)

@@ -1,0 +1,155 @@
+"""Self-imitation learning: after `ppo`'s epochs on the episode, the policy learns again what turned out well before.
+
+Oh, Guo, Singh & Lee, "Self-Imitation Learning", 2018, arXiv:1806.05635; section 4.3 and Algorithm 4 of the study.
+
+A decision is taught if its return exceeds the critic's value, in proportion to the difference. That difference is also
+its priority in the replay: first with the value when it was made, then with that of the last batch it was in.
+
+What the text leaves open:
+- Returns here take a train that the step limit stopped as one that never arrives. Imitation rests on returns being less
+  than the best policy's values (section 3.2 of Oh et al., who have no step limit); the critic's guess of what follows
+  is not, and an early, hopeful one would stay in the replay and be imitated, with all that led to being stuck.
+- Means are over the whole batch; decisions that did not turn out well count as zeros.
+- No weights of importance. That prioritised batches are not uniform is what they are for here (the text: "ensure that
+  each sampled batch contains more than average positive experiences"), and weights divided by the largest of a batch
+  would let a single decision of priority zero silence all others. So the replay's `beta` has to be 0.
+- Neither loss is clipped, there is no entropy bonus besides that of `ppo`'s epochs, and both kinds of epochs share one
+  Adam. Gradients are clipped as there.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from common.config import SilConfig
+from services.learner.algorithms.ppo import WholeEpisodes, check_finite, log_probability
+from services.learner.experience import Experience, ExperienceReplay
+from services.learner.learning import Learning, Trainer
+from services.learner.network.policies import PolicyNetwork
+from services.learner.network.sparse import SparseRows, sparse_rows
+from services.learner.policy_training import PolicyTrainer, build_network
+
+
+def imitation_policy_loss(log_probability_tm1: Tensor, gain: Tensor) -> Tensor:
+    """Makes actions more likely that turned out better than expected.
+
+    Equation 2 of Oh et al. 2018, equation 2.36 of the study, without the mean.
+
+    Args:
+        log_probability_tm1: [B], of the actions that were taken.
+        gain: [B], positive parts of return less value, detached.
+
+    Returns:
+        [B].
+    """
+    return -log_probability_tm1 * gain
+
+
+def imitation_value_loss(value: Tensor, return_t: Tensor) -> Tensor:
+    """Half the squared error of values that are too low; values that are too high are left alone.
+
+    Equation 3 of Oh et al. 2018, equation 2.37 of the study, without the mean.
+
+    Args:
+        value: [B].
+        return_t: [B].
+
+    Returns:
+        [B].
+    """
+    return (return_t - value).clamp(min=0).square() / 2
+
+
+class Sil:
+    """Trains an actor-critic, a batch at a time."""
+
+    def __init__(self, config: SilConfig, network: PolicyNetwork) -> None:
+        self._config = config
+        self._network = network
+
+    def update(self, x: SparseRows, batch: Experience) -> tuple[dict[str, float], Tensor]:
+        """One step of Adam on `policy loss + beta * value loss`, means over the batch.
+
+        Args:
+            x: [B, F], the batch's observations.
+            batch: B decisions.
+
+        Returns:
+            `sil_policy_loss` and `sil_value_loss`; `sil_gain`, the mean of (R - V)+, and `sil_positive_share`, of
+            decisions that have any; `sil_gradient_norm`, L2; all before the step. And the gains [B].
+
+        Raises:
+            FloatingPointError: the loss is not finite; the network is as it was.
+        """
+        logits, value = self._network.outputs(x)
+        gain = (batch.least_return_t - value).detach().clamp(min=0)
+        policy_loss = imitation_policy_loss(log_probability(logits, batch.action_tm1), gain).mean()
+        value_loss = imitation_value_loss(value, batch.least_return_t).mean()
+        loss = policy_loss + self._config.value_weight * value_loss
+        check_finite(loss)
+        gradient_norm = self._network.descend(loss)
+        metrics = {
+            "sil_policy_loss": policy_loss.item(),
+            "sil_value_loss": value_loss.item(),
+            "sil_gain": gain.mean().item(),
+            "sil_positive_share": (gain > 0).float().mean().item(),
+            "sil_gradient_norm": gradient_norm,
+        }
+        return metrics, gain
+
+
+class SelfImitation:
+    """`ppo`'s epochs on the whole episode, then epochs on prioritised batches of all episodes."""
+
+    def __init__(self, config: SilConfig, on_policy: WholeEpisodes, sil: Sil, replay: ExperienceReplay) -> None:
+        self._config = config
+        self._on_policy = on_policy
+        self._sil = sil
+        self._replay = replay
+
+    def learn(self, new: Experience) -> list[dict[str, float]]:
+        rows = self._on_policy.learn(new)
+        self._replay.add(new, _priorities(new.least_return_t - new.value_tm1))
+        if len(self._replay) < self._config.batch_size:
+            return rows
+        return rows + [self._imitate() for _ in range(self._config.epochs)]
+
+    def telling(self) -> dict[str, float]:
+        return self._replay.telling()
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        return self._replay.state()
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        self._replay.restore(state)
+
+    def _imitate(self) -> dict[str, float]:
+        batch, places = self._replay.sample(self._config.batch_size)
+        metrics, gain = self._sil.update(sparse_rows(batch.observation_tm1), batch)
+        self._replay.reprioritise(places, _priorities(gain))
+        return metrics
+
+
+def _priorities(gain: Tensor) -> NDArray[np.float64]:
+    """The positive parts."""
+    return np.maximum(gain.numpy(), 0).astype(np.float64)
+
+
+def build(learning: Learning) -> Trainer:
+    """The trainer of a run of `sil`.
+
+    Raises:
+        ValueError: a section is missing or does not fit.
+    """
+    ppo, sil, replay = learning.ppo, learning.sil, learning.replay
+    if ppo is None or ppo.batch_size is not None or sil is None or replay is None:
+        raise ValueError("sil wants sections ppo, without a batch_size, sil and replay")
+    if replay.kind != "prioritized" or replay.beta != 0:
+        raise ValueError(f"sil wants replay.kind prioritized and replay.beta 0, not {replay.kind} and {replay.beta}")
+    network = build_network(learning, ppo)
+    buffer = ExperienceReplay(replay, learning.n_features, learning.seed)
+    rule = SelfImitation(sil, WholeEpisodes(ppo, network), Sil(sil, network), buffer)
+    return PolicyTrainer(learning, network, rule)

@@ -1,0 +1,83 @@
+"""Decisions to learn a policy from, and a replay of them."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from common.config import ReplayConfig
+from common.seeding import stream_key
+from services.learner.replay.replay import Replay
+
+COLUMNS = {
+    "action_tm1": np.int8,
+    "return_t": np.float32,
+    "least_return_t": np.float32,
+    "log_probability_tm1": np.float32,
+    "value_tm1": np.float32,
+}
+ROWS = ("observation_tm1",)
+DRAWS = "draws"  # the name of their number in a state
+
+
+class Experience(NamedTuple):
+    """B decisions in memory that torch allocated; values and returns are scaled (`services.learner.returns`)."""
+
+    observation_tm1: Tensor  # [B, F] float32
+    action_tm1: Tensor  # [B] int64
+    return_t: Tensor  # [B] float32
+    least_return_t: Tensor  # [B] float32, if the trains that the step limit stopped never arrive
+    log_probability_tm1: Tensor  # [B] float32, of the action when it was chosen
+    value_tm1: Tensor  # [B] float32, the critic's when the action was chosen
+
+
+class Drawn(NamedTuple):
+    """A batch from a replay, valid until the next one, and where its decisions lie in it."""
+
+    experience: Experience
+    places: NDArray[np.int64]
+
+
+class ExperienceReplay:
+    """The newest decisions of all episodes; batch `n` is drawn with a stream of its own."""
+
+    def __init__(self, config: ReplayConfig, n_features: int, seed: int) -> None:
+        self._replay = Replay(config, COLUMNS, ROWS, n_features)
+        self._seed = seed
+        self._draws = 0
+
+    def __len__(self) -> int:
+        return len(self._replay)
+
+    def add(self, new: Experience, priorities: NDArray[np.float64] | None = None) -> None:
+        """Append decisions, oldest first; `priorities` [B] are for a prioritised replay."""
+        items = {name: getattr(new, name).numpy() for name in Experience._fields}
+        self._replay.add(items | {"action_tm1": items["action_tm1"].astype(np.int8)}, priorities)
+
+    def sample(self, size: int) -> Drawn:
+        """A batch, with replacement. Weights of importance are left out: no rule of a policy asks for them."""
+        rng = np.random.Generator(np.random.Philox(key=stream_key(self._seed, self._draws, "replay")))
+        self._draws += 1
+        sample = self._replay.sample(size, rng, beta=0.0)
+        return Drawn(Experience(**sample.columns), sample.places)
+
+    def reprioritise(self, places: NDArray[np.int64], priorities: NDArray[np.float64]) -> None:
+        """Give new priorities [B] to decisions at `places` [B]."""
+        self._replay.reprioritise(places, priorities)
+
+    def telling(self) -> dict[str, float]:
+        """How full it is, and what its priorities are."""
+        return self._replay.telling()
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """A copy of everything."""
+        return self._replay.state() | {DRAWS: np.array(self._draws, np.int64)}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take on a `state`; ValueError names the tensor that does not fit."""
+        if DRAWS not in state:
+            raise ValueError(f"tensor {DRAWS} is missing: this state is of another rule")
+        self._replay.restore({name: array for name, array in state.items() if name != DRAWS})
+        self._draws = int(state[DRAWS])

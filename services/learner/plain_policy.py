@@ -1,0 +1,52 @@
+"""Policy updates as a textbook writes them in torch: what `algorithms.ppo` and `sil` are measured and checked against.
+
+The losses are ours; network, gradients and optimiser are torch's own.
+"""
+
+from torch import Tensor, nn, optim
+
+from common.config import PpoConfig, SilConfig
+from common.policy.actor_critic import ActorCritic
+from services.learner.algorithms.ppo import (
+    clipped_surrogate,
+    clipped_value_loss,
+    entropy,
+    log_probability,
+    standardised,
+)
+from services.learner.algorithms.sil import imitation_policy_loss, imitation_value_loss
+from services.learner.experience import Experience
+
+
+class PlainPolicy:
+    """Trains a network in place, a batch at a time."""
+
+    def __init__(self, network: ActorCritic, ppo: PpoConfig) -> None:
+        self._network, self._ppo = network, ppo
+        self._optimizer = optim.Adam(network.parameters(), lr=ppo.learning_rate)
+
+    def update(self, batch: Experience) -> float:
+        """One step of `ppo`; returns the loss."""
+        logits, value = self._network(batch.observation_tm1)
+        error = (batch.return_t - value).detach()
+        ratio = (log_probability(logits, batch.action_tm1) - batch.log_probability_tm1).exp()
+        surrogate = clipped_surrogate(ratio, standardised(error), self._ppo.clip).mean()
+        value_loss = clipped_value_loss(value, batch.value_tm1, batch.return_t, self._ppo.clip).mean()
+        bonus = entropy(logits).mean()
+        return self._descend(-surrogate + self._ppo.value_weight * value_loss - self._ppo.entropy_weight * bonus)
+
+    def imitate(self, batch: Experience, sil: SilConfig) -> float:
+        """One step of `sil`; returns the loss."""
+        logits, value = self._network(batch.observation_tm1)
+        gain = (batch.least_return_t - value).detach().clamp(min=0)
+        policy_loss = imitation_policy_loss(log_probability(logits, batch.action_tm1), gain).mean()
+        return self._descend(policy_loss + sil.value_weight * imitation_value_loss(value, batch.least_return_t).mean())
+
+    def _descend(self, loss: Tensor) -> float:
+        self._optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        for half in ("actor", "critic"):
+            parameters = [weight for name, weight in self._network.named_parameters() if name.startswith(half)]
+            nn.utils.clip_grad_norm_(parameters, self._ppo.max_gradient_norm)
+        self._optimizer.step()
+        return loss.item()

@@ -1,0 +1,125 @@
+"""Training a policy on one whole episode after another: returns, counters and state, whatever the update rule.
+
+A rule learns from `Experience`, an episode's decisions with their returns; episodes, buses and disks it does not know.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from common.config import PpoConfig
+from common.policy.actor_critic import build_actor_critic
+from common.records import Episode
+from services.learner.experience import Experience
+from services.learner.learning import Learning
+from services.learner.network.policies import PolicyNetwork
+from services.learner.network.sparse import sparse_rows
+from services.learner.replay.transitions import check_order
+from services.learner.returns import LEAST, decision_returns
+
+
+class PolicyRule(Protocol):
+    """How a policy learns from an episode."""
+
+    def learn(self, new: Experience) -> list[dict[str, float]]:
+        """Learn from the decisions of an episode, at least one; returns the metrics of each update."""
+
+    def telling(self) -> dict[str, float]:
+        """What there is to tell about the rule itself."""
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """A copy of everything but the network's."""
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take on a `state`; ValueError names the tensor that does not fit."""
+
+
+def build_network(learning: Learning, ppo: PpoConfig) -> PolicyNetwork:
+    """The network of a run as its seed makes it."""
+    network = build_actor_critic(learning.network, learning.n_features, learning.n_actions, learning.seed)
+    return PolicyNetwork(network, ppo.learning_rate, ppo.max_gradient_norm)
+
+
+class PolicyTrainer:
+    """A `services.learner.learning.Trainer` around a rule and the network that the rule trains."""
+
+    def __init__(self, learning: Learning, network: PolicyNetwork, rule: PolicyRule) -> None:
+        if learning.discount >= 1:
+            raise ValueError(f"discount {learning.discount}: returns are scaled by 1 - discount, make it less than 1")
+        self._discount = learning.discount
+        self._network = network
+        self._rule = rule
+
+    def train(self, episode: Episode) -> dict[str, float]:
+        """Learn from a whole episode.
+
+        Returns:
+            `updates` and `transitions`, how many there were; the means of what the updates tell, of those that tell
+            it; and what the rule tells.
+
+        Raises:
+            ValueError: the episode is a fragment or does not fit the network, or its decisions are out of order.
+            FloatingPointError: training has diverged.
+        """
+        if not episode.whole:
+            raise ValueError(f"episode {episode.episode} is a fragment: a policy learns from whole ones")
+        n_features = episode.observations.shape[1]
+        if n_features != self._network.n_features:
+            raise ValueError(
+                f"episode {episode.episode} has {n_features} features, the network {self._network.n_features}"
+            )
+        check_order(episode)
+        rows = self._rule.learn(self._experience(episode)) if len(episode.times) else []
+        return {
+            "updates": float(len(rows)),
+            "transitions": float(len(episode.times)),
+            **_means(rows),
+            **self._rule.telling(),
+        }
+
+    def weights(self) -> dict[str, NDArray[np.float32]]:
+        """A copy of the parameters that actors act with."""
+        return self._network.weights()
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """A copy of everything: `learner/*` and `rule/*`."""
+        return {
+            **{f"learner/{name}": array for name, array in self._network.state().items()},
+            **{f"rule/{name}": array for name, array in self._rule.state().items()},
+        }
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take on the `state` of a trainer with the same settings: all that follows is the same to the bit.
+
+        Raises:
+            ValueError: naming the tensor that is missing, unknown or does not fit.
+        """
+        parts: dict[str, dict[str, NDArray[Any]]] = {"learner": {}, "rule": {}}
+        for name, array in state.items():
+            part, _, rest = name.partition("/")
+            if part not in parts:
+                raise ValueError(f"tensor {name} is unknown here: this is not the state of a policy's trainer")
+            parts[part][rest] = array
+        self._network.restore(parts["learner"])
+        self._rule.restore(parts["rule"])
+
+    def _experience(self, episode: Episode) -> Experience:
+        final = episode.final_observations
+        values = self._network.values(sparse_rows(torch.tensor(final))).numpy()
+        return Experience(
+            observation_tm1=torch.tensor(episode.observations),
+            action_tm1=torch.tensor(episode.actions, dtype=torch.int64),
+            return_t=torch.tensor(decision_returns(episode, values, self._discount)),
+            least_return_t=torch.tensor(decision_returns(episode, np.full_like(values, LEAST), self._discount)),
+            log_probability_tm1=torch.tensor(episode.log_probabilities),
+            value_tm1=torch.tensor(episode.values),
+        )
+
+
+def _means(rows: list[dict[str, float]]) -> dict[str, float]:
+    """The mean of each metric over the updates that tell it."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: float(np.mean([row[name] for row in rows if name in row])) for name in names}

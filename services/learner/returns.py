@@ -1,0 +1,59 @@
+"""Monte Carlo returns of an episode's decisions, for rules that learn a policy.
+
+Source: section 4.3 of the study. A return sums over all environment steps, discounted by each, also over those on which
+a train follows the rails and nothing is decided or trained on. What the text leaves open:
+
+- A train that the step limit stopped is worth the critic's value of what it saw last; one that has arrived is not.
+- The +1 for everyone on the step on which the last train arrives counts in the returns of all trains, though most have
+  arrived before it: the text takes the returns from all of the transitions. (The transitions of value methods end on
+  arrival and leave it out.)
+- "Normalizing the Returns" here is a fixed scale, 1 - gamma. Rewards of -1 a step then give returns in [-1, 0],
+  whatever the episode and the policy: returns in a replay never grow stale, one of another episode can be compared with
+  a value, and bootstrapping needs no way back. Returns standardised by episode would call the best decision of a bad
+  episode a good one, which is what self-imitation must not do.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.kernel import bare_kernel
+from common.records import Episode
+
+LEAST = -1.0  # scaled: what a train is worth that pays 1 a step for ever
+
+
+def decision_returns(episode: Episode, final_values: NDArray[np.float32], discount: float) -> NDArray[np.float32]:
+    """What the trains get from each decision of an episode on.
+
+    Args:
+        episode: whole.
+        final_values: [N], scaled values of what trains saw last that the step limit stopped; of others not looked at.
+        discount: gamma, a step, less than 1.
+
+    Returns:
+        [D], scaled by 1 - gamma.
+    """
+    following = np.where(episode.arrived_at < 0, final_values, np.float32(0))
+    returns = np.empty(episode.rewards.shape, np.float32)
+    accumulate(np.ascontiguousarray(episode.rewards), following, discount, returns)
+    decided: NDArray[np.float32] = returns[episode.times, episode.trains]
+    return decided
+
+
+@bare_kernel
+def accumulate(
+    rewards: NDArray[np.float32], following: NDArray[np.float32], discount: float, returns: NDArray[np.float32]
+) -> None:
+    """Fill `returns` [T, N] with discounted sums of rewards [T, N], scaled by 1 - gamma, in float64.
+
+    Args:
+        rewards: [T, N].
+        following: [N], what comes after the last step, scaled.
+        discount: gamma.
+        returns: [T, N], overwritten.
+    """
+    for train in range(rewards.shape[1]):
+        sum_from = np.float64(following[train])
+        for step in range(len(rewards) - 1, -1, -1):
+            sum_from = (1.0 - discount) * rewards[step, train] + discount * sum_from
+            returns[step, train] = sum_from

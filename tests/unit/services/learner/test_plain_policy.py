@@ -1,0 +1,48 @@
+"""Updates of policies are those of plain torch, but for rounding."""
+
+import numpy as np
+import pytest
+import torch
+
+from common.config import NetworkConfig, PpoConfig, SilConfig
+from common.policy.actor_critic import build_actor_critic
+from common.policy.networks import export_parameters
+from services.learner.algorithms.ppo import Ppo
+from services.learner.algorithms.sil import Sil
+from services.learner.experience import Experience
+from services.learner.network.policies import PolicyNetwork
+from services.learner.network.sparse import sparse_rows
+from services.learner.plain_policy import PlainPolicy
+
+PPO = PpoConfig(learning_rate=0.003, epochs=1, entropy_weight=0.1, max_gradient_norm=0.1)
+SIL = SilConfig(epochs=1, batch_size=40, value_weight=0.5)
+
+
+def batches(count, size=40, features=6, actions=3):
+    rng = np.random.default_rng(1)
+    for _ in range(count):
+        observation = -rng.random((size, features), np.float32) * (rng.random((size, features)) < 0.5)
+        yield Experience(
+            observation_tm1=torch.tensor(observation.astype(np.float32)),
+            action_tm1=torch.tensor(rng.integers(actions, size=size)),
+            return_t=torch.tensor(-rng.random(size, np.float32)),
+            least_return_t=torch.tensor(-rng.random(size, np.float32)),
+            log_probability_tm1=torch.tensor(-0.6 - rng.random(size, np.float32)),
+            value_tm1=torch.tensor(-rng.random(size, np.float32)),
+        )
+
+
+@pytest.mark.parametrize("hidden", [(8,), (8, 5), (8, 5, 7)])
+def test_updates_are_those_of_plain_torch(hidden):
+    network = build_actor_critic(NetworkConfig(kind="actor-critic", hidden=hidden), 6, 3, seed=1)
+    ours = PolicyNetwork(network, PPO.learning_rate, PPO.max_gradient_norm)
+    ppo, sil, plain = Ppo(PPO, ours), Sil(SIL, ours), PlainPolicy(network, PPO)
+    for batch in batches(20):
+        told = ppo.update(sparse_rows(batch.observation_tm1), batch)
+        loss = told["policy_loss"] + 0.5 * told["value_loss"] - 0.1 * told["entropy"]
+        assert plain.update(batch) == pytest.approx(loss, abs=1e-5)
+        told, _ = sil.update(sparse_rows(batch.observation_tm1), batch)
+        loss = told["sil_policy_loss"] + 0.5 * told["sil_value_loss"]
+        assert plain.imitate(batch, SIL) == pytest.approx(loss, abs=1e-5)
+    for name, array in export_parameters(network).items():
+        np.testing.assert_allclose(ours.weights()[name], array, atol=1e-4, err_msg=name)

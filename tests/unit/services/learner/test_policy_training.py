@@ -1,0 +1,249 @@
+"""The trainers of policies: what they refuse, that they go on after a restore, that all processes get the same bits.
+
+Run as a program it trains briefly on arrays at a given misalignment and prints hashes of the weights.
+"""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from made_episodes import at_offset, make_episode
+from test_training import weights_hash
+
+from common.config import NetworkConfig, PpoConfig, ReplayConfig, SilConfig
+from services.learner.learning import Learning, build_trainer
+
+RULES = ("ppo", "ppor", "sil")
+
+
+def make_trainer(rule, n_features=6, hidden=(16, 16), capacity=120, discount=0.99, batch_size=32):
+    sections = {
+        "ppo": {},
+        "ppor": {"replay": ReplayConfig(capacity=capacity)},
+        "sil": {
+            "replay": ReplayConfig(kind="prioritized", capacity=capacity, beta=0),
+            "sil": SilConfig(epochs=3, batch_size=batch_size),
+        },
+    }
+    ppo = PpoConfig(learning_rate=0.001, epochs=4, batch_size=batch_size if rule == "ppor" else None)
+    network = NetworkConfig(hidden=hidden, kind="actor-critic")
+    return build_trainer(
+        rule,
+        Learning(
+            seed=5,
+            episodes=100,
+            discount=discount,
+            network=network,
+            ppo=ppo,
+            n_features=n_features,
+            n_actions=5,
+            **sections[rule],
+        ),
+    )
+
+
+def make_policy_episode(number, n_features=6, offset=0):
+    """A random episode, of a policy that was not sure."""
+    episode = make_episode(number, n_features, offset=offset)
+    rng = np.random.default_rng(number)
+    return episode.model_copy(
+        update={
+            "log_probabilities": -1 - rng.random(len(episode.times), np.float32),
+            "values": -rng.random(len(episode.times), np.float32),
+        }
+    )
+
+
+def without(episode, kept):
+    """Only some of an episode's decisions."""
+    fields = ("observations", "times", "trains", "actions", "log_probabilities", "values")
+    return episode.model_copy(update={field: getattr(episode, field)[kept] for field in fields})
+
+
+METRICS = {
+    "updates",
+    "transitions",
+    "policy_loss",
+    "value_loss",
+    "entropy",
+    "value_error",
+    "clip_share",
+    "kl",
+    "gradient_norm",
+}
+TOLD = {
+    "ppo": METRICS,
+    "ppor": METRICS | {"replay_fill"},
+    "sil": METRICS
+    | {"replay_fill", "priority_mean", "priority_max", "sil_policy_loss", "sil_value_loss", "sil_gain"}
+    | {"sil_positive_share", "sil_gradient_norm"},
+}
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_an_episode_gives_its_epochs_of_updates_and_their_metrics(rule):
+    episode = make_policy_episode(1)
+    metrics = make_trainer(rule).train(episode)
+    assert set(metrics) == TOLD[rule]
+    assert metrics["updates"] == {"ppo": 4, "ppor": 4, "sil": 7}[rule]
+    assert metrics["transitions"] == len(episode.times) >= 32
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_an_episode_without_decisions_changes_nothing(rule):
+    trainer = make_trainer(rule)
+    trainer.train(make_policy_episode(1))
+    before = weights_hash(trainer)
+    metrics = trainer.train(without(make_policy_episode(2), np.zeros(0, np.int64)))
+    assert metrics["updates"] == metrics["transitions"] == 0
+    assert weights_hash(trainer) == before
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_a_train_that_never_decides_does_not_matter(rule):
+    episode = make_policy_episode(1)
+    episode = without(episode, episode.trains != 1)
+    rewards, final = episode.rewards.copy(), episode.final_observations.copy()
+    rewards[:, 1], final[1] = 9, 9
+    hashes = set()
+    for candidate in (episode, episode.model_copy(update={"rewards": rewards, "final_observations": final})):
+        trainer = make_trainer(rule, batch_size=8)
+        assert trainer.train(candidate)["updates"] > 0
+        hashes.add(weights_hash(trainer))
+    assert len(hashes) == 1
+
+
+def test_a_truncated_train_is_worth_what_it_saw_last_and_an_arrived_one_is_not():
+    episode = make_policy_episode(1)
+    hashes = {}
+    for arrived in (-1, 39):
+        for seen in (-0.1, -0.9):
+            trainer = make_trainer("ppo")
+            final = np.full_like(episode.final_observations, seen)
+            at = np.full(3, arrived, np.int32)
+            trainer.train(episode.model_copy(update={"arrived_at": at, "final_observations": final}))
+            hashes[arrived, seen] = weights_hash(trainer)
+    assert hashes[-1, -0.1] != hashes[-1, -0.9]
+    assert hashes[39, -0.1] == hashes[39, -0.9]
+
+
+def test_ppor_waits_for_a_batch():
+    trainer = make_trainer("ppor")
+    episode = make_policy_episode(1)
+    assert trainer.train(without(episode, slice(0, 20)))["updates"] == 0
+    assert trainer.train(without(episode, slice(0, 20)))["updates"] == 4
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"over": False}, "episode 1 is a fragment"),
+        ({"observations": np.zeros((40, 7), np.float32)}, "episode 1 has 7 features, the network 6"),
+        ({"times": np.zeros(40, np.int32)}, "not in the order"),
+    ],
+)
+def test_an_episode_that_does_not_fit_is_refused(rule, change, message):
+    episode = without(make_policy_episode(1), slice(0, 40))
+    assert len(episode.times) == 40
+    with pytest.raises(ValueError, match=message):
+        make_trainer(rule).train(episode.model_copy(update=change))
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_a_discount_of_one_is_refused(rule):
+    with pytest.raises(ValueError, match="less than 1"):
+        make_trainer(rule, discount=1.0)
+
+
+@pytest.mark.parametrize(
+    ("rule", "change"),
+    [
+        ("ppo", {"ppo": None}),
+        ("ppo", {"ppo": PpoConfig(learning_rate=1, epochs=1, batch_size=3)}),
+        ("ppor", {"ppo": PpoConfig(learning_rate=1, epochs=1)}),
+        ("ppor", {"replay": None}),
+        ("ppor", {"replay": ReplayConfig(capacity=9, kind="prioritized")}),
+        ("sil", {"sil": None}),
+        ("sil", {"replay": None}),
+        ("sil", {"replay": ReplayConfig(capacity=9)}),
+        ("sil", {"replay": ReplayConfig(capacity=9, kind="prioritized")}),
+    ],
+)
+def test_a_rule_without_what_it_needs_is_refused(rule, change):
+    fits = {
+        "ppo": PpoConfig(learning_rate=1, epochs=1, batch_size=3 if rule == "ppor" else None),
+        "sil": SilConfig(epochs=1, batch_size=3),
+        "replay": ReplayConfig(capacity=9, kind="uniform" if rule == "ppor" else "prioritized", beta=0),
+    }
+    network = NetworkConfig(kind="actor-critic", hidden=(4,))
+    settings = {"seed": 1, "episodes": 1, "discount": 0.9, "network": network, "n_features": 3, "n_actions": 2}
+    build_trainer(rule, Learning(**(settings | fits)))
+    with pytest.raises(ValueError, match=f"{rule} wants"):
+        build_trainer(rule, Learning(**(settings | fits | change)))
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_a_restored_trainer_goes_on_with_the_same_bits(rule):
+    straight = make_trainer(rule)
+    for number in range(5):  # more than the replay holds
+        straight.train(make_policy_episode(number))
+    restored = make_trainer(rule)
+    restored.train(make_policy_episode(99))  # what was there before must not matter
+    restored.restore({name: at_offset(array, 1) for name, array in straight.state().items()})
+    for number in range(5, 10):
+        assert straight.train(make_policy_episode(number)) == restored.train(make_policy_episode(number))
+    ours, theirs = straight.state(), restored.state()
+    assert list(ours) == list(theirs)
+    for name, array in ours.items():
+        assert array.tobytes() == theirs[name].tobytes(), name
+
+
+@pytest.mark.parametrize(
+    ("rule", "change", "message"),
+    [
+        ("ppo", {"other/x": np.zeros(1)}, "other/x is unknown"),
+        ("ppo", {"rule/x": np.zeros(1)}, "x is unknown"),
+        ("ppo", {"learner/network/critic.bias": None}, r"network/critic\.bias is missing"),
+        ("ppor", {"rule/draws": None}, "draws is missing"),
+        ("sil", {"rule/cursor": None}, "cursor is missing"),
+    ],
+)
+def test_a_state_that_does_not_fit_is_refused(rule, change, message):
+    trainer = make_trainer(rule)
+    state = {name: array for name, array in (trainer.state() | change).items() if array is not None}
+    with pytest.raises(ValueError, match=message):
+        trainer.restore(state)
+
+
+def test_fresh_processes_agree_to_the_bit_at_any_alignment():
+    environment = os.environ | {"MKL_CBWR": "AUTO,STRICT", "OMP_NUM_THREADS": "1"}
+    results = [
+        subprocess.run(
+            [sys.executable, __file__, str(offset)], env=environment, capture_output=True, text=True, check=False
+        )
+        for offset in (0, 4, 13)
+    ]
+    assert not any(result.returncode for result in results), results
+    assert len({result.stdout for result in results}) == 1
+    assert len(results[0].stdout.split()) == len(RULES)
+
+
+def train_briefly(offset):
+    """Some dozens of updates of each rule, about as large as the real ones."""
+    hashes = []
+    for rule in RULES:
+        trainer = make_trainer(rule, n_features=252, hidden=(128, 128), batch_size=150, capacity=400)
+        for number in range(9):
+            trainer.train(make_policy_episode(number, 252, offset))
+        hashes.append(weights_hash(trainer))
+    return " ".join(hashes)
+
+
+if __name__ == "__main__":
+    from common.policy.determinism import deterministic_torch
+
+    deterministic_torch()
+    sys.stdout.write(train_briefly(int(sys.argv[1])))
