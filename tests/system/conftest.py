@@ -20,8 +20,9 @@ PATIENCE_S = 120.0
 EPISODES = 40
 OPTIONS = (
     f"--level easy --episodes {EPISODES} --seed 7 --set evaluation.every_episodes=20 --set evaluation.levels=2 "
-    "--set dqn.batch_size=32 --set dqn.learn_every_steps=8 --set cluster.snapshot_every_episodes=4"
+    "--set cluster.snapshot_every_episodes=4"
 ).split()
+DQN_OPTIONS = ["--set", "dqn.batch_size=32", "--set", "dqn.learn_every_steps=8"]
 NOT_OF_THE_CURVE = {"actor", "acting_s", "trained_unix_s", "evaluated_unix_s", "evaluating_s"}
 
 
@@ -30,7 +31,7 @@ class Clusters:
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        self.options = OPTIONS
+        self.options = [*OPTIONS, *DQN_OPTIONS]
         self.environment = os.environ | {"RAILCTL_RUNS": str(root), "COLUMNS": "200"}
 
     def folder(self, name: str) -> RunFolder:
@@ -50,8 +51,12 @@ class Clusters:
         return done
 
     def up(self, name: str, *options: str, code: int = 0) -> subprocess.CompletedProcess[str]:
-        """Start a small run."""
+        """Start a small run of dddqn."""
         return self.railctl("up", "--name", name, *self.options, *options, code=code)
+
+    def up_any(self, name: str, *options: str) -> None:
+        """Start a small run of any algorithm."""
+        self.railctl("up", "--name", name, *OPTIONS, *options)
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
         """Start a command that goes on."""

@@ -3,6 +3,8 @@
 import json
 import signal
 
+import pytest
+
 from common.locks import living
 from deploy.follow import wait_until
 from deploy.runs import supervised
@@ -46,6 +48,35 @@ def test_killing_everything_one_after_another_changes_nothing(clusters, undistur
     assert rows.episodes == list(range(EPISODES))
     assert rows.evaluations == [20, 40]
     assert living(clusters.folder("killed")) == {}
+
+
+ALGORITHMS = {
+    "dqn": (),
+    "ddqn": (),
+    "dddqn": ("--set", "replay=prioritized"),
+    "drqn": (),
+    "drqn-prioritized": ("--set", "replay=prioritized"),
+    "ppo": (),
+    "ppor": (),
+    "sil": (),
+}
+OFTEN = {"drqn-prioritized", "sil"}  # the others take their time
+
+
+@pytest.mark.parametrize(
+    "case", [case if case in OFTEN else pytest.param(case, marks=pytest.mark.slow) for case in ALGORITHMS]
+)
+def test_every_algorithm_goes_on_from_its_snapshots_as_if_nothing_had_happened(clusters, tail, case):
+    options = ("--algorithm", case.partition("-")[0], *ALGORITHMS[case])
+    clusters.up_any(f"{case}-left-alone", *options)
+    clusters.up_any(f"{case}-killed", "--actors", "easy=2", "--detach", *options)
+    rows = tail(f"{case}-killed")
+    for episodes, process in ((7, "learner"), (14, "actor-easy-0"), (21, "learner")):
+        rows.until(episodes)
+        clusters.kill(f"{case}-killed", process)
+    rows.rest()
+    assert rows.episodes == list(range(EPISODES))
+    assert clusters.curve(f"{case}-killed") == clusters.curve(f"{case}-left-alone")
 
 
 def test_a_hung_actor_is_killed_and_replaced(clusters, undisturbed, tail):
