@@ -19,8 +19,9 @@ COMMANDS = Path(sys.executable).parent
 def write_checkpoint(path, config=NetworkConfig(kind="dueling"), build=build_network, seed=4):  # noqa: B008  (frozen)
     """A checkpoint as a run writes it, with random weights: those of seed 4 drive about."""
     network = build(config, N_FEATURES, N_ACTIONS, seed)
-    science = json.dumps({"algorithm": "any", "network": config.model_dump(mode="json")})
-    checkpoint.save(path, export_parameters(network), {"science": science}, "checkpoint")
+    science = json.dumps({"algorithm": "any", "network": config.model_dump(mode="json"), "mix": {"easy": 1.0}})
+    metadata = {"science": science, "episode": "300"}
+    checkpoint.save(path, export_parameters(network), metadata, "checkpoint")
     return path
 
 

@@ -14,7 +14,7 @@ from common.levels.legacy import generate
 from common.levels.supply import LevelSupply
 from common.seeding import evaluation_level_seed, training_level_seed
 from deploy.cli import app
-from deploy.levels import time_left
+from deploy.task import time_left
 
 RECORDINGS = Path(__file__).parents[2] / "parity" / "data" / "flatland222_episodes_small.npz"
 
@@ -26,7 +26,7 @@ def railctl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def run(*arguments: object, code: int = 0) -> str:
         result = CliRunner().invoke(app, ["levels", *map(str, arguments)])
         assert result.exit_code == code, result.output
-        return result.output if code else result.stdout
+        return result.stdout if "--json" in arguments else result.output  # with what is said on stderr
 
     return run
 
