@@ -47,7 +47,7 @@ def score(options: argparse.Namespace) -> None:
         try:
             rows.append(row(group, saved, options))
         except UnplayableLevelError as error:
-            raise UnplayableLevelError(f"{options.levels or group.name}: {group.name}, {error}") from error
+            raise UnplayableLevelError(f"{options.levels or 'evaluation levels'}: {group.name}, {error}") from error
     say(
         {
             "checkpoint": str(options.checkpoint),
@@ -121,7 +121,8 @@ def summary(score: Score) -> dict[str, Any]:
     }
 
 
-def main() -> None:
+def parsed(arguments: list[str] | None = None) -> argparse.Namespace:
+    """What is asked for; none: on this process's own command line."""
     parser = argparse.ArgumentParser(description="Scores a checkpoint.")
     parser.add_argument("checkpoint", type=Path)
     parser.add_argument("--level", action="append", help="difficulty or group; may be repeated")
@@ -130,7 +131,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--sample", action="store_true")
     parser.add_argument("--bank", type=Path)
-    options = parser.parse_args()
+    return parser.parse_args(arguments)
+
+
+def main() -> None:
+    options = parsed()
     carry_out(lambda: score(options), CheckpointError, LevelFileError, BankError, UnplayableLevelError)
 
 
