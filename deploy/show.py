@@ -107,8 +107,7 @@ def evaluation_table(rows: Sequence[EvaluationRow]) -> Table:
 
 def score_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """What `services.evaluator.score` found: a row a group of levels."""
-    caption = "return: normalised, mean over levels; low, high: its 95% interval (bootstrap)"
-    table = Table("level", box=None, pad_edge=False, caption=caption, caption_justify="left")
+    table = Table("level", box=None, pad_edge=False)
     for name in ("levels", "return", "low", "high", "median", "std", "trains\narrived", "all\narrived", "steps"):
         table.add_column(name, justify="right", no_wrap=True)
     for row in rows:

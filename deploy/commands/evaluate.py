@@ -55,12 +55,11 @@ def evaluate(
         *(["--sample"] if sample else []),
         *option("--bank", bank_root(runs_root())),
     )
-    if as_json:
-        say("", result, as_json=True)
-        return
     trained = f"{result['algorithm']} after {result['episode']} episodes, {result['mode']}"
-    say(f"{result['checkpoint']}: {trained}", result, as_json=False)
-    console.print(score_table(result["rows"]))
+    say(f"{result['checkpoint']}: {trained}", result, as_json=as_json)
+    if not as_json:
+        console.print(score_table(result["rows"]))
+        console.print("return: normalised, mean over levels; low, high: its 95% interval (bootstrap)")
 
 
 def _check(levels: Path | None, episodes: int | None, seed: int | None, *, sample: bool) -> None:

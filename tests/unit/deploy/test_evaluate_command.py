@@ -66,7 +66,7 @@ def test_a_table_for_people(run, monkeypatch):
     first, *_, figures, caption = result.stdout.splitlines()
     assert first == "given: sil after 7 episodes, greedy"
     assert figures.split() == ["easy", "2", "-0.300", "-0.500", "-", "-0.200", "0.250", "83.3%", "50.0%", "120.2"]
-    assert caption.strip() == "return: normalised, mean over levels; low, high: its 95% interval (bootstrap)"
+    assert caption == "return: normalised, mean over levels; low, high: its 95% interval (bootstrap)"
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ SUPPLY = LevelSupply()
 
 @pytest.fixture
 def weights(write_checkpoint, tmp_path):
-    return write_checkpoint(tmp_path / "weights.safetensors", NetworkConfig(kind="actor-critic"))
+    return write_checkpoint(tmp_path / "weights.safetensors", NetworkConfig(kind="actor-critic"), seed=1)
 
 
 @pytest.fixture
@@ -50,6 +50,7 @@ def test_every_difficulty_that_was_trained_on_is_a_row_of_the_evaluation_levels(
     assert list(document) == ["checkpoint", "algorithm", "episode", "mode", "rows"]
     assert list(document.values())[:4] == [str(weights), "any", 300, "greedy"]
     assert [list(row) for row in document["rows"]] == [["level", "levels", *FIGURES]] * 2
+    assert np.round(document["rows"][0]["returns"], 3).tolist() == [-0.676, -0.715, -1.0]
     policy = greedy(player("compiled", 7), load_policy(weights).twin)
     for name, row in zip(("easy", "hard"), document["rows"], strict=True):
         expected = evaluate(policy, [SUPPLY.evaluation(name, index) for index in range(3)])
@@ -63,10 +64,10 @@ def test_every_difficulty_that_was_trained_on_is_a_row_of_the_evaluation_levels(
 
 def test_another_seed_is_another_sequence_of_levels(scored, weights):
     first, other = (
-        scored(weights, "--level", "hard", "--episodes", 4, "--seed", seed)["rows"][0]["returns"] for seed in (0, 1)
+        scored(weights, "--level", "easy", "--episodes", 4, "--seed", seed)["rows"][0]["returns"] for seed in (0, 1)
     )
     assert first != other
-    levels = [SUPPLY.evaluation("hard", index, sequence=1) for index in range(4)]
+    levels = [SUPPLY.evaluation("easy", index, sequence=1) for index in range(4)]
     assert evaluate(greedy(player("compiled", 7), load_policy(weights).twin), levels).returns.tolist() == other
 
 
@@ -96,7 +97,7 @@ def test_more_levels_than_are_kept_from_training_are_refused(weights):
 
 def test_action_values_are_not_sampled_from(write_checkpoint, tmp_path):
     path = write_checkpoint(tmp_path / "weights.safetensors")
-    with pytest.raises(ConfigError, match="^--sample: any learns action values, .*: leave it out$"):
+    with pytest.raises(ConfigError, match=r"^--sample: any learns action values, .*: leave it out$"):
         score(parsed([str(path), "--sample"]))
 
 
