@@ -26,14 +26,15 @@ def evaluate(
     level: Annotated[
         list[str] | None,
         typer.Option(
-            help="easy, medium or hard; may be repeated.  [default: what it was trained on; of --levels: all groups]"
+            help="easy, medium or hard, or a group of --levels; may be repeated; "
+            "default: what it was trained on, or all groups."
         ),
     ] = None,
-    episodes: Annotated[int | None, typer.Option(help=f"Evaluation levels of each.  [default: {EPISODES}]")] = None,
+    episodes: Annotated[int | None, typer.Option(help=f"Evaluation levels of each; default: {EPISODES}.")] = None,
     seed: Annotated[
         int | None,
         typer.Option(
-            help=f"Of levels and of the draws of --sample; the levels of 0 are kept from training.  [default: {SEED}]"
+            help="Of the levels, and of the draws of --sample; default: 0, whose levels all runs are evaluated on."
         ),
     ] = None,
     levels: Annotated[Path | None, typer.Option(metavar="FILE", help="Play the levels of a .npz file instead.")] = None,
@@ -60,6 +61,8 @@ def evaluate(
     if not as_json:
         console.print(score_table(result["rows"]))
         console.print("return: normalised, mean over levels; low, high: its 95% interval (bootstrap)")
+        if seed and levels is None:
+            console.print(f"training may know rails of the levels of seed {seed}; those of seed 0 it never sees")
 
 
 def _check(levels: Path | None, episodes: int | None, seed: int | None, *, sample: bool) -> None:

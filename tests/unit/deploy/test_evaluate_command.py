@@ -67,6 +67,9 @@ def test_a_table_for_people(run, monkeypatch):
     assert first == "given: sil after 7 episodes, greedy"
     assert figures.split() == ["easy", "2", "-0.300", "-0.500", "-", "-0.200", "0.250", "83.3%", "50.0%", "120.2"]
     assert caption == "return: normalised, mean over levels; low, high: its 95% interval (bootstrap)"
+    result = railctl(path, "--seed", 4)
+    assert asked[-1][2:] == ("--episodes", "100", "--seed", "4", "--bank", "runs/.levels")
+    assert "training may know rails of the levels of seed 4" in result.stdout.splitlines()[-1]
 
 
 @pytest.mark.parametrize(
