@@ -6,11 +6,10 @@ from typing import Annotated
 import typer
 
 from common.config import ConfigError
-from common.folder import RunFolder
 from common.levels.bank import bank_root
 from deploy.commands.levels.options import known, option
 from deploy.output import AsJson, console, one_line_errors, say
-from deploy.runs import Failed, find_run, runs_root
+from deploy.runs import find_checkpoint, runs_root
 from deploy.show import score_table
 from deploy.task import run_task
 
@@ -48,7 +47,7 @@ def evaluate(
     names = level if levels else [known(name) for name in level or []]
     result = run_task(
         SCORER,
-        str(_find(checkpoint)),
+        str(find_checkpoint(checkpoint)),
         *(part for name in dict.fromkeys(names or []) for part in ("--level", name)),
         *option("--levels", levels),
         *option("--episodes", episodes or EPISODES),
@@ -79,30 +78,3 @@ def _check(levels: Path | None, episodes: int | None, seed: int | None, *, sampl
         raise ConfigError(f"--levels and --episodes: all levels of {levels} are played, leave --episodes out")
     if seed is not None and not sample:
         raise ConfigError("--levels and --seed: greedy play on given levels draws nothing, leave --seed out")
-
-
-def _find(name: str) -> Path:
-    """The file that is meant.
-
-    Raises:
-        ConfigError: there is no such file or run.
-        Failed: the run has no checkpoint.
-    """
-    if Path(name).is_file():
-        return Path(name)
-    if name.endswith(".safetensors"):
-        raise ConfigError(f"{name}: no such file: the checkpoints of a run lie in its folder checkpoints")
-    try:
-        run = find_run(name)
-    except ConfigError as error:
-        raise ConfigError(f"no file {name}, and {error}") from None
-    newest = newest_checkpoint(run)
-    if newest is None:
-        raise Failed(f"run {run.path.name} has no checkpoint yet: railctl checkpoint {run.path.name} writes one")
-    return newest
-
-
-def newest_checkpoint(run: RunFolder) -> Path | None:
-    """The checkpoint after the most episodes; users may keep others beside them, which do not count."""
-    numbered = [path for path in run.checkpoints.glob("*.safetensors") if path.stem.isdecimal()]
-    return max(numbered, key=lambda path: int(path.stem), default=None)
