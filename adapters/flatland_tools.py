@@ -31,8 +31,8 @@ from flatland.envs.rail_env_action import RailEnvActions
 from flatland.envs.step_utils.states import TrainState
 from numpy.typing import NDArray
 
-from adapters.checkpoints import load_twin
 from common.checkpoint import CheckpointError
+from common.policy.checkpoints import load_policy
 from common.rail.decisions import decision_cells
 from common.rail.flatland_env import ACTIONS, LegacyDriver, StudyRewards, has_way
 from common.rail.from_flatland import UnsupportedEnvironmentError, level_of
@@ -155,7 +155,7 @@ class CheckpointPolicy(Policy[RailEnv, TrainView, RailEnvActions]):
         if not path:
             raise click.ClickException(f"{VARIABLE} is not set: let it name a file in a run's folder checkpoints")
         try:
-            self._twin = load_twin(Path(path))
+            self._twin = load_policy(Path(path)).twin
         except CheckpointError as error:
             raise click.ClickException(str(error)) from None
         self._episode = _Episode([])

@@ -36,6 +36,9 @@ def training_level_seed(run_seed: int, episode: int) -> int:
     return stream_key(run_seed, episode, "level") & (EVALUATION_BIT - 1)
 
 
-def evaluation_level_seed(index: int) -> int:
-    """The generator seed of evaluation level `index`, the same for every run: bit 31 is set, as in no training seed."""
-    return (stream_key(0, index, "evaluation-level") & (EVALUATION_BIT - 1)) | EVALUATION_BIT
+def evaluation_level_seed(index: int, sequence: int = 0) -> int:
+    """The generator seed of evaluation level `index` of a sequence: bit 31 is set, as in no training seed.
+
+    Sequence 0 is the one that all runs are evaluated on (see `common.levels.held_out`).
+    """
+    return (stream_key(sequence, index, "evaluation-level") & (EVALUATION_BIT - 1)) | EVALUATION_BIT

@@ -6,6 +6,7 @@ from deploy.commands.bench import bench
 from deploy.commands.checkpoint import checkpoint
 from deploy.commands.doctor import doctor
 from deploy.commands.down import down
+from deploy.commands.evaluate import evaluate
 from deploy.commands.levels import app as levels
 from deploy.commands.logs import logs
 from deploy.commands.pause import pause
@@ -22,7 +23,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for verb in (up, status, tail, logs, scale, pause, resume, checkpoint, down, doctor, bench):
+for verb in (up, status, tail, logs, scale, pause, resume, checkpoint, down, evaluate, doctor, bench):
     app.command()(verb)
 app.add_typer(levels, name="levels")
 

@@ -12,10 +12,10 @@ from rich.console import Console
 from common.bus import NoAnswer
 from common.config import ConfigError
 from common.rows import DamagedRows
+from common.task import FAILED, WRONG_USAGE
 from deploy.runs import Failed
 
 P = ParamSpec("P")
-FAILED, WRONG_USAGE = 1, 2
 
 console = Console(highlight=False)
 

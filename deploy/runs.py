@@ -50,6 +50,29 @@ def find_run(name: str | None) -> RunFolder:
     raise ConfigError(f"no run named {name!r}{nearest(name, [run.path.name for run in known])}")
 
 
+def find_checkpoint(name: str) -> Path:
+    """The checkpoint file of this path, or the newest of the run of this name or path.
+
+    Raises:
+        ConfigError: there is no such file or run.
+        Failed: the run has none yet.
+    """
+    if Path(name).is_file():
+        return Path(name)
+    if name.endswith(".safetensors"):
+        raise ConfigError(f"{name}: no such file: the checkpoints of a run lie in its folder checkpoints")
+    try:
+        run = find_run(name)
+    except ConfigError as error:
+        raise ConfigError(f"no file {name}, and {error}") from None
+    numbered = [
+        path for path in run.checkpoints.glob("*.safetensors") if path.stem.isdecimal()
+    ]  # a user may keep others
+    if not numbered:
+        raise Failed(f"run {run.path.name} has no checkpoint yet: railctl checkpoint {run.path.name} writes one")
+    return max(numbered, key=lambda path: int(path.stem))
+
+
 def supervised(folder: RunFolder) -> bool:
     """Whether a supervisor looks after the run right now."""
     return holder(folder, "supervisor") is not None

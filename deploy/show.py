@@ -1,7 +1,8 @@
 """What a run looks like in a terminal."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.panel import Panel
@@ -100,6 +101,27 @@ def evaluation_table(rows: Sequence[EvaluationRow]) -> Table:
             f"{row.arrived_share:.0%}",
             f"{row.all_arrived_share:.0%}",
             f"{row.mean_steps:.0f}",
+        )
+    return table
+
+
+def score_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """What `services.evaluator.score` found: a row a group of levels."""
+    table = Table("level", box=None, pad_edge=False)
+    for name in ("levels", "return", "low", "high", "median", "std", "trains\narrived", "all\narrived", "steps"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for row in rows:
+        table.add_row(
+            row["level"],
+            str(row["levels"]),
+            number(row["mean"]),
+            number(row["low"]),
+            number(row["high"]),
+            number(row["median"]),
+            number(row["std"]),
+            f"{row['arrived_share']:.1%}",
+            f"{row['all_arrived_share']:.1%}",
+            f"{row['mean_steps']:.1f}",
         )
     return table
 

@@ -37,6 +37,6 @@ class LevelSupply:
         """The training level of a seed: never on the rails of an evaluation level (see `held_out`)."""
         return held_out.training_level(difficulty, seed, self.level)
 
-    def evaluation(self, difficulty: Difficulty, index: int) -> Level:
-        """Evaluation level `index`, the same for every run."""
-        return self.level(difficulty, evaluation_level_seed(index))
+    def evaluation(self, difficulty: Difficulty, index: int, sequence: int = 0) -> Level:
+        """Evaluation level `index` of a sequence, the same for every run."""
+        return self.level(difficulty, evaluation_level_seed(index, sequence))

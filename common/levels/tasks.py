@@ -1,17 +1,11 @@
 """`python -m common.levels.tasks TASK`: what the command line does with levels, in a process that may import flatland.
 
-Answers are JSON on stdout, a line each: `{"progress": {...}}` while the task goes on, then its result. What went wrong
-is the last line on stderr, with exit code 1.
+How it answers: see `common.task`.
 """
 
 import argparse
-import json
-import logging
-import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from common.config import DIFFICULTIES, Difficulty
 from common.levels import files, pickles
@@ -24,13 +18,7 @@ from common.levels.level import Level
 from common.levels.supply import LevelSupply
 from common.levels.verify import verify
 from common.seeding import evaluation_level_seed, training_level_seed
-
-log = logging.getLogger(__name__)
-
-
-def say(document: dict[str, Any]) -> None:
-    """Tell whoever started this process."""
-    print(json.dumps(document), flush=True)  # noqa: T201  (they read it)
+from common.task import Teller, carry_out, say
 
 
 def build_bank(options: argparse.Namespace) -> None:
@@ -55,25 +43,14 @@ def build_bank(options: argparse.Namespace) -> None:
 
 def verify_bank(options: argparse.Namespace) -> None:
     """Check all levels of a bank."""
-
-    def tell(done: int, total: int) -> None:
-        if done % 100 == 0 or done == total:
-            say({"progress": {"of": "levels", "done": done, "total": total, "seconds_left": None}})
-
-    say({"bank": str(options.bank), "levels": verify(options.bank, options.sample, tell)})
+    say({"bank": str(options.bank), "levels": verify(options.bank, options.sample, Teller("levels").tell)})
 
 
 def replay(options: argparse.Namespace) -> None:
     """Replay recorded episodes, and count where they differ."""
     from common.rail.replay import replay_file  # noqa: PLC0415  (compiled code, which no other task needs)
 
-    begin = time.monotonic()
-
-    def tell(done: int, total: int) -> None:
-        left = (time.monotonic() - begin) / done * (total - done) if done else None
-        say({"progress": {"of": "episodes", "done": done, "total": total, "seconds_left": left}})
-
-    say({"file": str(options.file), **replay_file(options.file, tell).document()})
+    say({"file": str(options.file), **replay_file(options.file, Teller("episodes").tell).document()})
 
 
 def show(options: argparse.Namespace) -> None:
@@ -207,16 +184,8 @@ def _parser() -> argparse.ArgumentParser:
 
 def main() -> None:
     """Do what the arguments say."""
-    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(message)s")
     options = _parser().parse_args()
-    try:
-        options.run(options)
-    except (BankError, LevelFileError, InfeasibleLevelError) as error:
-        log.error("%s", error)  # noqa: TRY400  (the text is the whole story)
-        sys.exit(1)
-    except OSError as error:
-        log.error("%s: %s", error.filename, error.strerror)  # noqa: TRY400
-        sys.exit(1)
+    carry_out(lambda: options.run(options), BankError, LevelFileError, InfeasibleLevelError)
 
 
 if __name__ == "__main__":

@@ -14,9 +14,10 @@ from rich.table import Table
 
 from common.bus import NoAnswer, open_bus, open_router
 from common.records import CommandAnswer, Empty
+from common.task import FAILED
 from common.wire.keys import Service
 from deploy.launch import LOOPBACK, free_port
-from deploy.output import FAILED, AsJson, console, one_line_errors, say
+from deploy.output import AsJson, console, one_line_errors, say
 from deploy.plan import ENVIRONMENT
 from deploy.runs import Failed, runs_root
 

@@ -1,36 +1,82 @@
-"""Scoring a policy: greedy play on the fixed evaluation levels of a difficulty."""
+"""Scoring a policy: what becomes of every level that it plays."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from common.config import Difficulty
-from common.levels.supply import LevelSupply
+from common.levels.level import Level
 from common.policy.compiled import Twin
 from common.policy.player import Acting, Player, play
+from common.rail.play import Recording
+from common.seeding import stream_key
+
+Policy = Callable[[int, Level], Recording]  # plays a whole episode, given the number of the level, and the level
+
+
+class UnplayableLevelError(ValueError):
+    """A level that cannot be played: one line that gives its number and the reason."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """Means over the levels of an evaluation; steps are environment steps an episode."""
+    """What became of L levels.
 
-    normalised_return: float
-    arrived_share: float
-    all_arrived_share: float
-    mean_steps: float
+    Attributes:
+        returns: [L], normalised.
+        arrived_shares: [L], of the trains.
+        all_arrived: [L].
+        steps: [L], environment steps.
+    """
+
+    returns: NDArray[np.float64]
+    arrived_shares: NDArray[np.float64]
+    all_arrived: NDArray[np.bool_]
+    steps: NDArray[np.int64]
+
+    @property
+    def mean_return(self) -> float:
+        return float(self.returns.mean())
+
+    @property
+    def arrived_share(self) -> float:
+        return float(self.arrived_shares.mean())
+
+    @property
+    def all_arrived_share(self) -> float:
+        return float(self.all_arrived.mean())
+
+    @property
+    def mean_steps(self) -> float:
+        return float(self.steps.mean())
 
 
-def evaluate(player: Player, twin: Twin, supply: LevelSupply, difficulty: Difficulty, levels: int) -> Score:
-    """Play the first `levels` evaluation levels greedily and sum up."""
-    returns, arrived, steps = [], [], []
-    for index in range(levels):
-        recording = play(player, supply.evaluation(difficulty, index), Acting(twin, greedy=True))
-        returns.append(recording.normalised_return)
-        arrived.append(recording.arrived_at >= 0)
-        steps.append(recording.last_step)
-    return Score(
-        normalised_return=float(np.mean(returns)),
-        arrived_share=float(np.mean([share.mean() for share in arrived])),
-        all_arrived_share=float(np.mean([share.all() for share in arrived])),
-        mean_steps=float(np.mean(steps)),
-    )
+def greedy(player: Player, twin: Twin) -> Policy:
+    """Takes the best action."""
+    acting = Acting(twin, greedy=True)
+    return lambda _index, level: play(player, level, acting)
+
+
+def sampled(player: Player, twin: Twin, seed: int) -> Policy:
+    """Takes actions as probable as the network says; the draws are those of (seed, number of the level)."""
+    return lambda index, level: play(player, level, Acting(twin, key=stream_key(seed, index, "evaluation-sample")))
+
+
+def evaluate(policy: Policy, levels: Iterable[Level], on_level: Callable[[int], None] = lambda _done: None) -> Score:
+    """Play all levels, one at least; `on_level` is told how many have been played.
+
+    Raises:
+        UnplayableLevelError: one cannot be played.
+    """
+    recordings = []
+    for index, level in enumerate(levels):
+        try:
+            recording = policy(index, level)
+        except (ValueError, MemoryError) as error:
+            raise UnplayableLevelError(f"level {index}: {error}") from error
+        arrived = recording.arrived_at >= 0
+        recordings.append((recording.normalised_return, arrived.mean(), arrived.all(), recording.last_step))
+        on_level(index + 1)
+    returns, arrived_shares, all_arrived, steps = zip(*recordings, strict=True)
+    return Score(np.array(returns), np.array(arrived_shares), np.array(all_arrived), np.array(steps))

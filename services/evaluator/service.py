@@ -3,6 +3,7 @@
 import logging
 import threading
 import time
+from functools import partial
 
 from common import checkpoint
 from common.bus import NoAnswer, Question
@@ -24,7 +25,7 @@ from common.records import (
 )
 from common.rows import DamagedRows, RowFile
 from common.wire import keys
-from services.evaluator.runner import evaluate
+from services.evaluator.runner import evaluate, greedy
 
 log = logging.getLogger(__name__)
 
@@ -51,8 +52,8 @@ class Evaluator:
         self._done = {(row.episode, row.level) for row in self._file.rows}
         self._announced = threading.Event()
         self._levels = LevelSupply.from_folder(bank_root(place.folder.path.parent))
-        self._player = player(place.config.engine, MAX_TRAINS, self._on_step)
         self._twin = Twin(network_layout(place.config.network))
+        self._policy = greedy(player(place.config.engine, MAX_TRAINS, self._on_step), self._twin)
 
     def run(self) -> None:
         """Serve until told to stop."""
@@ -104,12 +105,12 @@ class Evaluator:
     def _score(self, episode: int, level: Difficulty, weights_digest: str) -> EvaluationRow:
         begin = time.perf_counter()
         levels = self._config.evaluation.levels
-        score = evaluate(self._player, self._twin, self._levels, level, levels)
+        score = evaluate(self._policy, map(partial(self._levels.evaluation, level), range(levels)))
         return EvaluationRow(
             episode=episode,
             level=level,
             levels=levels,
-            normalised_return=score.normalised_return,
+            normalised_return=score.mean_return,
             arrived_share=score.arrived_share,
             all_arrived_share=score.all_arrived_share,
             mean_steps=score.mean_steps,

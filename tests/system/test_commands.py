@@ -100,6 +100,16 @@ def test_a_process_that_keeps_dying_ends_the_run(clusters, tail):
     assert living(folder) == {}
 
 
+def test_a_checkpoint_is_scored_as_in_its_run(clusters, undisturbed):
+    for row in undisturbed[-2:]:
+        path = clusters.folder("undisturbed").checkpoints / f"{row['episode']:08d}.safetensors"
+        document = json.loads(clusters.railctl("evaluate", str(path), "--episodes", "2", "--json").stdout)
+        [found] = document["rows"]
+        assert (document["episode"], found["level"], found["levels"]) == (row["episode"], row["level"], row["levels"])
+        ours = [found[name] for name in ("mean", "arrived_share", "all_arrived_share", "mean_steps")]
+        assert ours == [row[name] for name in ("return", "arrived_share", "all_arrived_share", "mean_steps")]
+
+
 def test_doctor_finds_this_machine_fit(clusters):
     report = json.loads(clusters.railctl("doctor", "--json").stdout)
     assert report["ok"], report

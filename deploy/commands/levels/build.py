@@ -8,10 +8,10 @@ import typer
 
 from common.config import DIFFICULTIES, ConfigError
 from common.levels.bank import bank_root
-from deploy.commands.levels.options import Bank, known, option
-from deploy.levels import run_task
+from deploy.commands.levels.options import TASKS, Bank, known, option
 from deploy.output import AsJson, one_line_errors, say
 from deploy.runs import runs_root
+from deploy.task import run_task
 
 SEEDS = re.compile(r"^(\d+)(?:-(\d+))?$")
 
@@ -34,12 +34,12 @@ def build(
         raise ConfigError(f"--seeds {seeds!r}: use a number, or two as 1-10")
     first, last = found[1], found[2] or found[1]
     result = run_task(
+        TASKS,
         "build",
         *option("--bank", bank or bank_root(runs_root())),
         *("--level", *[known(name) for name in level or DIFFICULTIES]),
         *("--first-seed", first, "--last-seed", last, "--episodes", str(episodes), "--evaluation", str(evaluation)),
         *option("--processes", processes or len(os.sched_getaffinity(0))),
-        quiet=as_json,
     )
     counts = ", ".join(f"{count} {name}" for name, count in result["levels"].items())
     say(f"{result['bank']} holds {counts}; {sum(result['built'].values())} are new", result, as_json=as_json)

@@ -6,10 +6,10 @@ from typing import Annotated
 import typer
 
 from common.levels.bank import bank_root
-from deploy.commands.levels.options import Bank, Level, LevelFile, known, option
-from deploy.levels import run_task
+from deploy.commands.levels.options import TASKS, Bank, Level, LevelFile, known, option
 from deploy.output import AsJson, one_line_errors, say
 from deploy.runs import runs_root
+from deploy.task import run_task
 
 
 @one_line_errors
@@ -20,7 +20,7 @@ def import_(
     as_json: AsJson = False,
 ) -> None:
     """Gather levels of flatland-rl pickles or .npz files in one .npz file; speeds and timetables are left out."""
-    result = run_task("import", *map(str, files), *option("--group", group), *option("--output", output), quiet=as_json)
+    result = run_task(TASKS, "import", *map(str, files), *option("--group", group), *option("--output", output))
     say(f"{output}: {_counts(result['groups'])}", result, as_json=as_json)
 
 
@@ -40,6 +40,7 @@ def export(
 ) -> None:
     """Write levels to a file, for other programs or for flatland-rl's own tools."""
     result = run_task(
+        TASKS,
         "export",
         *option("--file", file),
         *option("--bank", bank or bank_root(runs_root())),
@@ -47,7 +48,6 @@ def export(
         *option("--count", count),
         *option("--seed", seed),
         *option("--output", output),
-        quiet=as_json,
     )
     say(f"{output}: {_counts(result['groups'])} in {result['files']} files", result, as_json=as_json)
 

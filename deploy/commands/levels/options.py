@@ -7,6 +7,8 @@ import typer
 
 from common.config import DIFFICULTIES, ConfigError, nearest
 
+TASKS = "common.levels.tasks"  # the process that does the work
+
 Bank = Annotated[Path | None, typer.Option(help="The bank's folder.  [default: $RAILCTL_LEVELS or runs/.levels]")]
 Level = Annotated[str, typer.Option(help="easy, medium or hard.")]
 LevelFile = Annotated[Path | None, typer.Argument(metavar="[FILE]", help="A .npz or .pkl file.", exists=True)]

@@ -6,10 +6,10 @@ from typing import Annotated
 import typer
 
 from common.levels.bank import bank_root
-from deploy.commands.levels.options import Bank, Level, LevelFile, known, option
-from deploy.levels import run_task
+from deploy.commands.levels.options import TASKS, Bank, Level, LevelFile, known, option
 from deploy.output import AsJson, one_line_errors, say
 from deploy.runs import runs_root
+from deploy.task import run_task
 
 
 @one_line_errors
@@ -26,6 +26,7 @@ def show(
 ) -> None:
     """Draw a level: rails, trains with their headings, targets and shortest ways."""
     result = run_task(
+        TASKS,
         "show",
         *option("--file", file),
         *option("--bank", bank or bank_root(runs_root())),
@@ -35,7 +36,6 @@ def show(
         *option("--group", group),
         *option("--index", index),
         *option("--output", output),
-        quiet=as_json,
     )
     text = (
         f"{result['title']}: {result['trains']} trains, {result['rail_cells']} cells of rail, "

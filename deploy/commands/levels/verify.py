@@ -8,10 +8,11 @@ import typer
 
 from common.config import ConfigError
 from common.levels.bank import bank_root
-from deploy.commands.levels.options import Bank, option
-from deploy.levels import run_task
-from deploy.output import FAILED, AsJson, one_line_errors, say
+from common.task import FAILED
+from deploy.commands.levels.options import TASKS, Bank, option
+from deploy.output import AsJson, one_line_errors, say
 from deploy.runs import runs_root
+from deploy.task import run_task
 
 SAMPLE = 100
 
@@ -36,16 +37,16 @@ def verify(
     if file is None:
         root = bank or bank_root(runs_root())
         result = run_task(
+            TASKS,
             "verify",
             *option("--bank", root),
             *option("--sample", SAMPLE if sample is None else sample),
-            quiet=as_json,
         )
         say(f"{root}: {result['levels']} levels are as they were written", result, as_json=as_json)
         return
     if sample is not None or bank is not None:
         raise ConfigError(f"--sample and --bank are for checking the bank: to replay {file}, leave them out")
-    result = run_task("replay", str(file), quiet=as_json)
+    result = run_task(TASKS, "replay", str(file))
     say(_found(result), result, as_json=as_json)
     if any(result["mismatches"].values()):
         sys.exit(FAILED)

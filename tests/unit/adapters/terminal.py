@@ -1,27 +1,12 @@
-"""What a user has at hand: a checkpoint, and commands that find the package."""
+"""What a user has at hand: commands that find the package."""
 
-import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
-from common import checkpoint
-from common.config import NetworkConfig
-from common.policy.networks import build_network, export_parameters
-from common.rail.normalise import N_FEATURES
-from common.rail.world import N_ACTIONS
-
 ROOT = Path(__file__).parents[3]
 COMMANDS = Path(sys.executable).parent
-
-
-def write_checkpoint(path, config=NetworkConfig(kind="dueling"), build=build_network, seed=4):  # noqa: B008  (frozen)
-    """A checkpoint as a run writes it, with random weights: those of seed 4 drive about."""
-    network = build(config, N_FEATURES, N_ACTIONS, seed)
-    science = json.dumps({"algorithm": "any", "network": config.model_dump(mode="json")})
-    checkpoint.save(path, export_parameters(network), {"science": science}, "checkpoint")
-    return path
 
 
 def run_command(folder, *arguments, **environment):

@@ -3,7 +3,7 @@
 import re
 import sys
 
-from terminal import ROOT, run_command, write_checkpoint
+from terminal import ROOT, run_command
 
 TEXT = (ROOT / "docs" / "adapters.md").read_text()
 
@@ -19,7 +19,7 @@ def test_the_pettingzoo_example_plays_an_episode(tmp_path):
     assert re.fullmatch(r"3 trains, 412 steps, -\d\.\d{3}\n", played.stdout)
 
 
-def test_the_example_of_the_console_commands_generates_and_evaluates(tmp_path):
+def test_the_example_of_the_console_commands_generates_and_evaluates(write_checkpoint, tmp_path):
     script = example("sh")
     [checkpoint] = re.findall(r"RAILCTL_CHECKPOINT=(\S+)", script)
     (tmp_path / checkpoint).parent.mkdir(parents=True)

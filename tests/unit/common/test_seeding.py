@@ -26,6 +26,7 @@ def test_keys_and_seeds_are_pinned():
     assert stream_key(1, 0, "explore") == 382660948904662088
     assert [training_level_seed(1, episode) for episode in range(3)] == [1215753501, 688204923, 669015751]
     assert [evaluation_level_seed(index) for index in range(3)] == [3700983107, 2185241600, 3188182274]
+    assert [evaluation_level_seed(index, 1) for index in range(3)] == [2922089266, 4166710735, 3596344816]
 
 
 @settings(deadline=None)

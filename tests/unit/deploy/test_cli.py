@@ -21,7 +21,8 @@ from deploy.cli import app
 from deploy.launch import new_run, write_cluster_file
 from deploy.resolve import resolve
 
-VERBS = ["up", "status", "tail", "logs", "scale", "pause", "resume", "checkpoint", "down", "doctor", "bench"]
+VERBS = ["up", "status", "tail", "logs", "scale", "pause", "resume", "checkpoint", "down"]
+VERBS += ["evaluate", "doctor", "bench"]
 FAILED, WRONG_USAGE = 1, 2
 
 

@@ -1,4 +1,4 @@
-"""Work on levels, carried out by `common.levels.tasks` in a process of its own: this one need not import flatland."""
+"""Work that a process of its own carries out (see `common.task`), as it needs what this one must not import."""
 
 import json
 import os
@@ -8,23 +8,26 @@ import tempfile
 import time
 from typing import Any, Self
 
+from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 from rich.progress import Progress as Bar
 
-from deploy.output import console
+from common.config import ConfigError
+from common.task import WRONG_USAGE
 from deploy.plan import ENVIRONMENT
 from deploy.runs import Failed
 
 LINE_EVERY_S = 5.0  # where there is no terminal to draw a bar on
 
 
-def run_task(task: str, *arguments: str, quiet: bool) -> dict[str, Any]:
-    """Run a task to its end, with progress and time left on the terminal unless `quiet`; returns its result.
+def run_task(module: str, *arguments: str) -> dict[str, Any]:
+    """Run a module to its end, with progress and time left on stderr; returns its result.
 
     Raises:
-        Failed: it failed; the text is its own.
+        ConfigError: it was asked for what cannot be; the text is its own.
+        Failed: it failed; likewise.
     """
-    command = [sys.executable, "-m", "common.levels.tasks", task, *arguments]
+    command = [sys.executable, "-m", module, *arguments]
     with (
         tempfile.TemporaryFile("w+") as complaints,
         subprocess.Popen(
@@ -34,7 +37,7 @@ def run_task(task: str, *arguments: str, quiet: bool) -> dict[str, Any]:
         assert process.stdout is not None  # noqa: S101  (a pipe was asked for)
         result = {}
         try:
-            with _Shower(quiet) as shower:
+            with _Shower() as shower:
                 for line in process.stdout:
                     document = json.loads(line)
                     if "progress" in document:
@@ -44,25 +47,27 @@ def run_task(task: str, *arguments: str, quiet: bool) -> dict[str, Any]:
         except BaseException:
             process.terminate()
             raise
-        if process.wait():
+        code = process.wait()
+        if code:
             complaints.seek(0)
-            raise Failed((complaints.read().splitlines() or [f"levels {task} was killed: run it again"])[-1])
+            text = (complaints.read().splitlines() or [f"{module} was killed: run it again"])[-1]
+            raise ConfigError(text) if code == WRONG_USAGE else Failed(text)
     return result
 
 
 class _Shower:
-    """A bar on a terminal, a line now and then elsewhere."""
+    """A bar on a terminal, a line now and then elsewhere; on stderr, where it disturbs no result."""
 
-    def __init__(self, quiet: bool) -> None:
-        self._quiet = quiet
+    def __init__(self) -> None:
+        self._console = Console(stderr=True, highlight=False)
         self._next_line = 0.0
         self._bar = Bar(
             TextColumn("{task.description:8}"),
             BarColumn(),
             MofNCompleteColumn(),
             TextColumn("{task.fields[left]}"),
-            console=console,
-            disable=quiet or not console.is_terminal,
+            console=self._console,
+            disable=not self._console.is_terminal,
         )
         self._task = self._bar.add_task("", total=None, left="")
 
@@ -76,8 +81,8 @@ class _Shower:
     def show(self, of: str, done: int, total: int, seconds_left: float | None) -> None:
         left = time_left(seconds_left) if done < total else ""
         self._bar.update(self._task, description=of, completed=done, total=total, left=left)
-        if not self._quiet and not console.is_terminal and (time.monotonic() > self._next_line or done == total):
-            console.print(f"{of}: {done} of {total} {left}".rstrip(), markup=False)
+        if not self._console.is_terminal and (time.monotonic() > self._next_line or done == total):
+            self._console.print(f"{of}: {done} of {total} {left}".rstrip(), markup=False)
             self._next_line = time.monotonic() + LINE_EVERY_S
 
 

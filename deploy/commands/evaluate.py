@@ -1,0 +1,80 @@
+"""railctl evaluate: score a checkpoint on levels that training never sees, or on given ones."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from common.config import ConfigError
+from common.levels.bank import bank_root
+from deploy.commands.levels.options import known, option
+from deploy.output import AsJson, console, one_line_errors, say
+from deploy.runs import find_checkpoint, runs_root
+from deploy.show import score_table
+from deploy.task import run_task
+
+SCORER = "services.evaluator.score"
+EPISODES, SEED = 100, 0
+
+
+@one_line_errors
+def evaluate(
+    checkpoint: Annotated[
+        str, typer.Argument(metavar="CHECKPOINT", help="A .safetensors file, or a run: its newest checkpoint.")
+    ],
+    level: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="easy, medium or hard, or a group of --levels; may be repeated; "
+            "default: what it was trained on, or all groups."
+        ),
+    ] = None,
+    episodes: Annotated[int | None, typer.Option(help=f"Evaluation levels of each; default: {EPISODES}.")] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            help="Of the levels, and of the draws of --sample; default: 0, whose levels all runs are evaluated on."
+        ),
+    ] = None,
+    levels: Annotated[Path | None, typer.Option(metavar="FILE", help="Play the levels of a .npz file instead.")] = None,
+    sample: Annotated[
+        bool, typer.Option("--sample", help="Draw actions as the policy's probabilities say, instead of the best.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Play levels with a checkpoint, and print what becomes of them: a row a difficulty, with its 95% interval."""
+    _check(levels, episodes, seed, sample=sample)
+    names = level if levels else [known(name) for name in level or []]
+    result = run_task(
+        SCORER,
+        str(find_checkpoint(checkpoint)),
+        *(part for name in dict.fromkeys(names or []) for part in ("--level", name)),
+        *option("--levels", levels),
+        *option("--episodes", episodes or EPISODES),
+        *option("--seed", seed or SEED),
+        *(["--sample"] if sample else []),
+        *option("--bank", bank_root(runs_root())),
+    )
+    trained = f"{result['algorithm']} after {result['episode']} episodes, {result['mode']}"
+    say(f"{result['checkpoint']}: {trained}", result, as_json=as_json)
+    if not as_json:
+        console.print(score_table(result["rows"]))
+        console.print("return: normalised, mean over levels; low, high: its 95% interval (bootstrap)")
+        if seed and levels is None:
+            console.print(f"training may know rails of the levels of seed {seed}; those of seed 0 it never sees")
+
+
+def _check(levels: Path | None, episodes: int | None, seed: int | None, *, sample: bool) -> None:
+    """Raise ConfigError if the options do not go together."""
+    if episodes is not None and episodes < 1:
+        raise ConfigError(f"--episodes {episodes}: use a number above 0")
+    if seed is not None and seed < 0:
+        raise ConfigError(f"--seed {seed}: use 0 or a number above")
+    if levels is None:
+        return
+    if not levels.is_file():
+        raise ConfigError(f"--levels {levels}: no such file")
+    if episodes is not None:
+        raise ConfigError(f"--levels and --episodes: all levels of {levels} are played, leave --episodes out")
+    if seed is not None and not sample:
+        raise ConfigError("--levels and --seed: greedy play on given levels draws nothing, leave --seed out")

@@ -1,0 +1,143 @@
+"""python -m services.evaluator.score CHECKPOINT: scores a checkpoint on levels; how it answers: see `common.task`."""
+
+import argparse
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from common.checkpoint import CheckpointError
+from common.config import ConfigError, nearest
+from common.levels import files
+from common.levels.chunks import BankError
+from common.levels.files import LevelFileError
+from common.levels.held_out import HELD_OUT_LEVELS
+from common.levels.level import Level
+from common.levels.supply import LevelSupply
+from common.policy.checkpoints import SavedPolicy, load_policy
+from common.policy.player import MAX_TRAINS, player
+from common.task import Teller, carry_out, say
+from services.evaluator.runner import Score, UnplayableLevelError, evaluate, greedy, sampled
+from services.evaluator.statistics import mean_interval
+
+
+@dataclass(frozen=True)
+class Group:
+    """Levels that make a row; they may be drawn while they are played."""
+
+    name: str
+    levels: Iterable[Level]
+    count: int
+    most_trains: int
+
+
+def score(options: argparse.Namespace) -> None:
+    """Score the checkpoint on all groups of levels."""
+    saved = load_policy(options.checkpoint)
+    if options.sample and not saved.has_probabilities:
+        raise ConfigError(
+            f"--sample: {saved.algorithm} learns action values, which are no probabilities to draw from: leave it out"
+        )
+    groups = drawn(options, saved) if options.levels is None else list(recorded(options.levels, options.level))
+    rows = []
+    for group in groups:
+        try:
+            rows.append(row(group, saved, options))
+        except UnplayableLevelError as error:
+            raise UnplayableLevelError(f"{options.levels or 'evaluation levels'}: {group.name}, {error}") from error
+    say(
+        {
+            "checkpoint": str(options.checkpoint),
+            "algorithm": saved.algorithm,
+            "episode": saved.episode,
+            "mode": "sample" if options.sample else "greedy",
+            "rows": rows,
+        }
+    )
+
+
+def drawn(options: argparse.Namespace, saved: SavedPolicy) -> list[Group]:
+    """Evaluation levels of difficulties, if none are given of those that were trained on.
+
+    Raises:
+        ConfigError: training may have seen some.
+    """
+    count, sequence = options.episodes, options.seed
+    if sequence == 0 and count > HELD_OUT_LEVELS:
+        raise ConfigError(
+            f"--episodes {count}: {HELD_OUT_LEVELS} evaluation levels are kept from training: use no more, "
+            "or another --seed, whose rails training may know"
+        )
+    supply = LevelSupply.from_folder(options.bank)
+    return [
+        Group(name, map(partial(supply.evaluation, name, sequence=sequence), range(count)), count, MAX_TRAINS)
+        for name in options.level or saved.trained_on
+    ]
+
+
+def recorded(path: Path, names: list[str] | None) -> Iterator[Group]:
+    """Groups of a file, if none are given all.
+
+    Raises:
+        ConfigError: the file lacks a group, or one is empty.
+        LevelFileError: it cannot be used.
+    """
+    groups = files.load(path)
+    for name in names or groups:
+        if name not in groups:
+            raise ConfigError(f"{path} has no group {name!r}{nearest(name, list(groups))}")
+        levels = groups[name]
+        if not levels:
+            raise ConfigError(f"{path}: group {name!r} holds no levels: choose another with --level")
+        yield Group(name, levels, len(levels), max(level.n_trains for level in levels))
+
+
+def row(group: Group, saved: SavedPolicy, options: argparse.Namespace) -> dict[str, Any]:
+    """Play a group and sum up."""
+    playing, teller = player("compiled", group.most_trains), Teller(group.name)
+    policy = sampled(playing, saved.twin, options.seed) if options.sample else greedy(playing, saved.twin)
+    teller.tell(0, group.count)
+    result = evaluate(policy, group.levels, lambda done: teller.tell(done, group.count))
+    return {"level": group.name, "levels": group.count, **summary(result)}
+
+
+def summary(score: Score) -> dict[str, Any]:
+    """The figures of a score; of a single level nothing can be said about the spread."""
+    returns = score.returns
+    low, high = mean_interval(returns) if len(returns) > 1 else (None, None)
+    return {
+        "mean": score.mean_return,
+        "low": low,
+        "high": high,
+        "std": float(returns.std(ddof=1)) if len(returns) > 1 else None,
+        "median": float(np.median(returns)),
+        "arrived_share": score.arrived_share,
+        "all_arrived_share": score.all_arrived_share,
+        "mean_steps": score.mean_steps,
+        "returns": returns.tolist(),
+    }
+
+
+def parsed(arguments: list[str] | None = None) -> argparse.Namespace:
+    """What is asked for; none: on this process's own command line."""
+    parser = argparse.ArgumentParser(description="Scores a checkpoint.")
+    parser.add_argument("checkpoint", type=Path)
+    parser.add_argument("--level", action="append", help="difficulty or group; may be repeated")
+    parser.add_argument("--levels", type=Path, help="a file of levels; default: evaluation levels")
+    parser.add_argument("--episodes", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--sample", action="store_true")
+    parser.add_argument("--bank", type=Path)
+    return parser.parse_args(arguments)
+
+
+def main() -> None:
+    options = parsed()
+    carry_out(lambda: score(options), CheckpointError, LevelFileError, BankError, UnplayableLevelError)
+
+
+if __name__ == "__main__":
+    main()

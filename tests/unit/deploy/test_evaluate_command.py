@@ -1,0 +1,110 @@
+"""railctl evaluate, from the command line to the table."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from common import checkpoint
+from common.config import NetworkConfig
+from common.levels import files
+from common.levels.supply import LevelSupply
+from deploy.cli import app
+from deploy.commands import evaluate as command
+from deploy.launch import new_run
+from deploy.resolve import resolve
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, write_checkpoint):
+    """A run with two checkpoints, and one that a user keeps beside them."""
+    monkeypatch.setenv("RAILCTL_RUNS", "runs")
+    monkeypatch.chdir(tmp_path)
+    folder = new_run("one", resolve({"episodes": 10, "cluster": {"cores": 1}}))
+    folder.checkpoints.mkdir(exist_ok=True)
+    for name in ("00000050", "00000100", "best"):
+        write_checkpoint(folder.checkpoints / f"{name}.safetensors", NetworkConfig(kind="actor-critic"))
+    files.save(Path("levels.npz"), {"easy": [LevelSupply().evaluation("easy", index) for index in range(3)]})
+    return folder
+
+
+def railctl(*arguments):
+    result = CliRunner().invoke(app, ["evaluate", *map(str, arguments)])
+    assert result.exception is None or isinstance(result.exception, SystemExit), repr(result.exception)
+    return result
+
+
+def complaint(code, *arguments):
+    result = railctl(*arguments)
+    assert (result.exit_code, result.stdout) == (code, "")
+    [line] = result.stderr.splitlines()
+    return line
+
+
+def test_a_run_is_scored_by_its_newest_checkpoint(run):
+    result = railctl("one", "--levels", "levels.npz", "--sample", "--seed", 3, "--json")
+    assert result.exit_code == 0, result.stderr
+    document = json.loads(result.stdout)
+    assert document["checkpoint"] == "runs/one/checkpoints/00000100.safetensors"
+    [row] = document["rows"]
+    assert (document["mode"], row["level"], len(row["returns"])) == ("sample", "easy", 3)
+    assert "easy: 3 of 3" in result.stderr
+
+
+def test_a_table_for_people(run, monkeypatch):
+    asked = []
+    row = {"level": "easy", "levels": 2, "mean": -0.3004, "low": -0.5, "high": None, "std": 0.25, "median": -0.2}
+    row |= {"arrived_share": 0.8333, "all_arrived_share": 0.5, "mean_steps": 120.25, "returns": []}
+    document = {"checkpoint": "given", "algorithm": "sil", "episode": 7, "mode": "greedy", "rows": [row]}
+    monkeypatch.setattr(command, "run_task", lambda *arguments: asked.append(arguments) or document)
+    path = str(run.checkpoints / "best.safetensors")
+    result = railctl(path, "--level", "easy", "--level", "easy", "--episodes", 2)
+    assert asked == [
+        (command.SCORER, path, "--level", "easy", "--episodes", "2", "--seed", "0", "--bank", "runs/.levels")
+    ]
+    first, *_, figures, caption = result.stdout.splitlines()
+    assert first == "given: sil after 7 episodes, greedy"
+    assert figures.split() == ["easy", "2", "-0.300", "-0.500", "-", "-0.200", "0.250", "83.3%", "50.0%", "120.2"]
+    assert caption == "return: normalised, mean over levels; low, high: its 95% interval (bootstrap)"
+    result = railctl(path, "--seed", 4)
+    assert asked[-1][2:] == ("--episodes", "100", "--seed", "4", "--bank", "runs/.levels")
+    assert "training may know rails of the levels of seed 4" in result.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["two"], "no file two, and no run named 'two': known are one"),
+        (["no.safetensors"], "no.safetensors: no such file: the checkpoints of a run lie in its folder checkpoints"),
+        (["one", "--level", "esy"], "--level 'esy': did you mean easy? known are easy, hard, medium"),
+        (["one", "--episodes", "0"], "--episodes 0: use a number above 0"),
+        (["one", "--seed", "-1"], "--seed -1: use 0 or a number above"),
+        (["one", "--levels", "no.npz"], "--levels no.npz: no such file"),
+        (
+            ["one", "--levels", "levels.npz", "--episodes", "2"],
+            "--levels and --episodes: all levels of levels.npz are played, leave --episodes out",
+        ),
+        (
+            ["one", "--levels", "levels.npz", "--seed", "2"],
+            "--levels and --seed: greedy play on given levels draws nothing, leave --seed out",
+        ),
+    ],
+)
+def test_wrong_usage_is_one_line(run, arguments, text):
+    assert complaint(2, *arguments) == f"railctl: {text}"
+
+
+def test_a_run_without_checkpoints_says_how_to_get_one(run):
+    for path in run.checkpoints.glob("0*"):
+        path.unlink()
+    assert complaint(1, "one") == "railctl: run one has no checkpoint yet: railctl checkpoint one writes one"
+
+
+def test_a_snapshot_is_no_checkpoint(run):
+    path = run.snapshots / "00000100.safetensors"
+    run.snapshots.mkdir(exist_ok=True)
+    checkpoint.save(path, {}, {}, "snapshot")
+    assert complaint(1, path) == (
+        f"railctl: {path}: is a 'snapshot', not a checkpoint: a run has checkpoints/ and snapshots/"
+    )

@@ -1,0 +1,136 @@
+"""Scoring a checkpoint: which levels are played, what is said, and what is refused."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from common.checkpoint import CheckpointError
+from common.config import ConfigError, NetworkConfig
+from common.levels import files
+from common.levels.files import LevelFileError
+from common.levels.supply import LevelSupply
+from common.policy.checkpoints import load_policy
+from common.policy.player import player
+from common.task import carry_out
+from services.evaluator.runner import UnplayableLevelError, evaluate, greedy
+from services.evaluator.score import parsed, score
+
+FIGURES = ["mean", "low", "high", "std", "median", "arrived_share", "all_arrived_share", "mean_steps", "returns"]
+SUPPLY = LevelSupply()
+
+
+@pytest.fixture
+def weights(write_checkpoint, tmp_path):
+    return write_checkpoint(tmp_path / "weights.safetensors", NetworkConfig(kind="actor-critic"), seed=1)
+
+
+@pytest.fixture
+def scored(capsys):
+    """The document that is printed for these arguments."""
+
+    def run(*arguments):
+        score(parsed([str(argument) for argument in arguments]))
+        *progress, result = capsys.readouterr().out.splitlines()
+        assert [list(json.loads(line)) for line in progress] == [["progress"]] * len(progress)
+        return json.loads(result)
+
+    return run
+
+
+def crowded(level, n_trains):
+    """The level with its trains again and again."""
+    again = np.arange(n_trains) % level.n_trains
+    return replace(level, starts=level.starts[again], targets=level.targets[again])
+
+
+def test_every_difficulty_that_was_trained_on_is_a_row_of_the_evaluation_levels(scored, weights):
+    document = scored(weights, "--episodes", 3)
+    assert list(document) == ["checkpoint", "algorithm", "episode", "mode", "rows"]
+    assert list(document.values())[:4] == [str(weights), "any", 300, "greedy"]
+    assert [list(row) for row in document["rows"]] == [["level", "levels", *FIGURES]] * 2
+    assert np.round(document["rows"][0]["returns"], 3).tolist() == [-0.676, -0.715, -1.0]
+    policy = greedy(player("compiled", 7), load_policy(weights).twin)
+    for name, row in zip(("easy", "hard"), document["rows"], strict=True):
+        expected = evaluate(policy, [SUPPLY.evaluation(name, index) for index in range(3)])
+        assert (row["level"], row["levels"]) == (name, 3)
+        assert row["returns"] == expected.returns.tolist()
+        assert (row["mean"], row["mean_steps"]) == (expected.mean_return, expected.mean_steps)
+        assert row["std"] == pytest.approx(np.std(row["returns"], ddof=1))
+        assert row["median"] == sorted(row["returns"])[1]
+        assert row["low"] <= row["mean"] <= row["high"]
+
+
+def test_another_seed_is_another_sequence_of_levels(scored, weights):
+    first, other = (
+        scored(weights, "--level", "easy", "--episodes", 4, "--seed", seed)["rows"][0]["returns"] for seed in (0, 1)
+    )
+    assert first != other
+    levels = [SUPPLY.evaluation("easy", index, sequence=1) for index in range(4)]
+    assert evaluate(greedy(player("compiled", 7), load_policy(weights).twin), levels).returns.tolist() == other
+
+
+def test_samples_repeat_and_differ_by_seed(scored, weights, tmp_path):
+    files.save(tmp_path / "levels.npz", {"easy": [SUPPLY.evaluation("easy", index) for index in range(4)]})
+    given = (weights, "--levels", tmp_path / "levels.npz", "--sample", "--seed")
+    first, again, other = (scored(*given, seed) for seed in (1, 1, 2))
+    assert first == again
+    assert first["mode"] == "sample"
+    assert first["rows"] != other["rows"]
+
+
+def test_groups_of_a_file_are_rows_whatever_their_trains(scored, weights, tmp_path):
+    level = SUPPLY.evaluation("hard", 0)
+    files.save(tmp_path / "levels.npz", {"jam": [crowded(level, 16)] * 2, "hard": [level]})
+    jam, hard = scored(weights, "--levels", tmp_path / "levels.npz")["rows"]
+    assert (jam["level"], jam["levels"], hard["level"], hard["levels"]) == ("jam", 2, "hard", 1)
+    assert (hard["low"], hard["high"], hard["std"]) == (None, None, None)
+    assert hard["returns"] == [hard["mean"]] == [hard["median"]]
+    assert scored(weights, "--levels", tmp_path / "levels.npz", "--level", "hard")["rows"] == [hard]
+
+
+def test_more_levels_than_are_kept_from_training_are_refused(weights):
+    with pytest.raises(ConfigError, match=r"^--episodes 1001: 1000 evaluation levels are kept from training: use no "):
+        score(parsed([str(weights), "--episodes", "1001"]))
+
+
+def test_action_values_are_not_sampled_from(write_checkpoint, tmp_path):
+    path = write_checkpoint(tmp_path / "weights.safetensors")
+    with pytest.raises(ConfigError, match=r"^--sample: any learns action values, .*: leave it out$"):
+        score(parsed([str(path), "--sample"]))
+
+
+def test_groups_that_cannot_be_played_are_named(weights, tmp_path):
+    path = tmp_path / "levels.npz"
+    level = SUPPLY.evaluation("easy", 0)
+    files.save(path, {"easy": [level]})
+    with np.load(path) as file:
+        arrays = dict(file)
+    with pytest.raises(ConfigError, match=rf"^{path} has no group 'eassy': did you mean easy\? known are easy$"):
+        score(parsed([str(weights), "--levels", str(path), "--level", "eassy"]))
+    np.savez(path, **{name: array[:0] for name, array in arrays.items()})
+    with pytest.raises(ConfigError, match=rf"^{path}: group 'easy' holds no levels: choose another with --level$"):
+        score(parsed([str(weights), "--levels", str(path)]))
+    off_the_grid = level.grid.copy()
+    off_the_grid[0, 0] = 0b1000_0000_0010_0000  # north and south, at the upper edge
+    files.save(path, {"easy": [level, replace(level, grid=off_the_grid)]})
+    with pytest.raises(UnplayableLevelError, match=rf"^{path}: easy, level 1: the level's rails lead off the grid$"):
+        score(parsed([str(weights), "--levels", str(path)]))
+
+
+@pytest.mark.parametrize(("science", "episode"), [("{}", "3"), ("nonsense", "3"), ('["network"]', "3")])
+def test_a_checkpoint_of_another_program_is_refused_in_a_line(write_checkpoint, tmp_path, science, episode):
+    path = write_checkpoint(tmp_path / "weights.safetensors", science=science, episode=episode)
+    with pytest.raises(CheckpointError, match=rf"^{path}: says nothing of its network: use a checkpoint that a run"):
+        load_policy(path)
+
+
+def test_what_is_wrong_with_files_ends_the_process_in_a_line(weights, tmp_path, caplog):
+    content = bytearray(weights.read_bytes())
+    content[-1] ^= 1
+    weights.write_bytes(content)
+    with pytest.raises(SystemExit) as ended:
+        carry_out(lambda: score(parsed([str(weights)])), CheckpointError, LevelFileError)
+    assert ended.value.code == 1
+    assert caplog.messages == [f"{weights}: damaged, its digest does not match its content: use another one"]
