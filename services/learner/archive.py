@@ -90,7 +90,7 @@ class Archive:
         """Write everything that training goes on from, and keep the last few."""
         self._rows.sync()
         checkpoint.save(_file(self._folder.snapshots, episode), state, self._metadata(episode, version), "snapshot")
-        self.snapshot = episode
+        self.snapshot, self.version = episode, version
         for old in sorted(self._folder.snapshots.glob("*.safetensors"))[:-kept]:
             old.unlink()
 

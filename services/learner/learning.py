@@ -4,7 +4,7 @@ An update rule is a module of `services.learner.algorithms` with a function `bui
 """
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, cast
 
@@ -51,16 +51,20 @@ class Trainer(Protocol):
     """Everything that learning changes: a function of `Learning` and of the episodes, in order."""
 
     def train(self, episode: Episode) -> dict[str, float]:
-        """Learn from an episode; returns what there is to tell about it, by name."""
+        """Learn from an episode or its next fragment; returns what there is to tell about it, by name."""
 
     def weights(self) -> dict[str, NDArray[np.float32]]:
         """A copy of the parameters that actors act with."""
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """A copy of everything."""
+        """A copy of everything but the open episode."""
 
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def restore(self, state: Mapping[str, NDArray[Any]], opened: Sequence[Episode] = ()) -> None:
         """Take on the `state` of a trainer with the same settings: all that follows is the same to the bit.
+
+        Args:
+            state: as `state` gave it.
+            opened: the fragments, trained on already, of the episode that was open then.
 
         Raises:
             ValueError: naming the tensor that is missing, unknown or does not fit.

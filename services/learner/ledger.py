@@ -16,11 +16,13 @@ Unit = tuple[int, int]  # episode, fragment
 class Ledger:
     """The account of the episodes 0..N-1 of a run."""
 
-    def __init__(self, difficulties: Sequence[Difficulty], lag: int, trained: int = 0, version: int = 0) -> None:
+    def __init__(
+        self, difficulties: Sequence[Difficulty], lag: int, trained: int = 0, fragment: int = 0, version: int = 0
+    ) -> None:
         self.difficulties = difficulties
         self._lag = lag
         self.trained = trained  # episodes below this number are trained
-        self.fragment = 0  # of episode `trained`: those below are trained
+        self.fragment = fragment  # of episode `trained`: those below are trained
         self.version = version  # of the weights: how many fragments were ever trained
         self._leases: dict[Unit, str] = {}  # to the incarnation of an actor
         self._received: dict[Unit, Episode] = {}

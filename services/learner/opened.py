@@ -18,7 +18,7 @@ class OpenEpisode:
     acting_s: float = 0.0
     waited_s: float = 0.0
     weights_version: int = 0  # that the first fragment acted with
-    _fragments: list[Episode] = field(default_factory=list)
+    fragments: list[Episode] = field(default_factory=list)
     _digest: bytes = b""
 
     def add(self, fragment: Episode) -> None:
@@ -30,17 +30,17 @@ class OpenEpisode:
         self.waited_s += fragment.waited_s
         if fragment.fragment == 0:
             self.weights_version = fragment.weights_version
-        self._fragments.append(fragment)
+        self.fragments.append(fragment)
         self._digest = hashlib.blake2b(self._digest + bytes.fromhex(fragment.digest), digest_size=16).digest()
 
     @property
     def progressed(self) -> Progressed | None:
         """What an actor needs to go on; none before the first fragment."""
-        if not self._fragments:
+        if not self.fragments:
             return None
-        actions = np.concatenate([fragment.actions for fragment in self._fragments])
-        states = self._fragments[-1].states
-        return Progressed(fragment=len(self._fragments), first_step=self.steps, actions=actions, states=states)
+        actions = np.concatenate([fragment.actions for fragment in self.fragments])
+        states = self.fragments[-1].states
+        return Progressed(fragment=len(self.fragments), first_step=self.steps, actions=actions, states=states)
 
     @property
     def digest(self) -> str:

@@ -3,7 +3,7 @@
 A rule learns from `Experience`, an episode's decisions with their returns; episodes, buses and disks it does not know.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -91,12 +91,18 @@ class PolicyTrainer:
             **{f"rule/{name}": array for name, array in self._rule.state().items()},
         }
 
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def restore(self, state: Mapping[str, NDArray[Any]], opened: Sequence[Episode] = ()) -> None:
         """Take on the `state` of a trainer with the same settings: all that follows is the same to the bit.
+
+        Args:
+            state: as `state` gave it.
+            opened: fragments of an open episode, which a policy never has.
 
         Raises:
             ValueError: naming the tensor that is missing, unknown or does not fit.
         """
+        if opened:
+            raise ValueError(f"episode {opened[0].episode} is a fragment: a policy learns from whole ones")
         parts: dict[str, dict[str, NDArray[Any]]] = {"learner": {}, "rule": {}}
         for name, array in state.items():
             part, _, rest = name.partition("/")

@@ -35,6 +35,7 @@ from common.records import (
 )
 from common.seeding import training_level_seed
 from common.wire import keys
+from common.wire.codec import decode, encode, encoding_of
 from common.wire.keys import Alive
 from services.learner.archive import KEPT_SNAPSHOTS, Archive
 from services.learner.learning import Learning, build_trainer
@@ -49,7 +50,10 @@ log = logging.getLogger(__name__)
 LONG_POLL_S = 2.0  # an answer without work goes out after this
 RATE_WINDOW_S = 30.0
 HISTORY_CHUNK = 1000
-OLDER = "weights/"  # what the names of older weights begin with in a snapshot
+# What names in a snapshot begin with, besides the trainer's:
+OLDER = "weights/"  # that episodes to come still act with
+SETTLED = "settled/"  # weights after the last whole episode, which is what checkpoints are of
+OPEN = "open/"  # fragments of the open episode
 
 
 @dataclass
@@ -71,15 +75,19 @@ class Learner:
             self._trainer = build_trainer(self._config.rule, Learning.of(self._config))
         except ValueError as error:
             raise Fatal(str(error)) from None
+        self._settled = self._trainer.weights()
         self._weights: dict[int, Weights] = {}
+        self._open = OpenEpisode()
         snapshot = self._archive.resume()
         if snapshot is not None:
             self._restore(snapshot)
         self._ledger = Ledger(
-            difficulties(self._config), self._config.lag, trained=self._archive.snapshot, version=self._archive.version
+            difficulties(self._config),
+            self._config.lag,
+            trained=self._archive.snapshot,
+            fragment=len(self._open.fragments),
+            version=self._archive.version,
         )
-        self._settled = self._trainer.weights()  # after the last whole episode, which is what checkpoints are of
-        self._open = OpenEpisode()
         self._steps = sum(row.steps for row in self._archive.rows)  # of all trained episodes
         self._telemetry = Telemetry(place.folder, self._archive.snapshot)
         self._inbox: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
@@ -95,8 +103,11 @@ class Learner:
             version, _, parameter = name.removeprefix(OLDER).partition("/")
             older.setdefault(int(version), {})[parameter] = snapshot.pop(name)
         self._weights = {version: Weights(version=version, tensors=tensors) for version, tensors in older.items()}
+        self._settled = {name: snapshot.pop(f"{SETTLED}{name}") for name in self._trainer.weights()}
+        for name in sorted(name for name in snapshot if name.startswith(OPEN)):
+            self._open.add(decode(Episode, encoding_of(Episode), snapshot.pop(name).tobytes()))
         try:
-            self._trainer.restore(snapshot)
+            self._trainer.restore(snapshot, self._open.fragments)
         except ValueError as error:
             raise Fatal(f"the newest snapshot does not fit this version: {error}: use the one that wrote it") from None
 
@@ -117,8 +128,8 @@ class Learner:
                 self._take_messages(wait_s=0.0)
             self._answer_parked()
             self._beat()
-        if self._archive.snapshot < self._ledger.trained and self._ledger.fragment == 0:
-            self._save_snapshot()  # else the open episode is acted again: its start is not worth waiting for its end
+        if self._archive.version < self._ledger.version:
+            self._save_snapshot()
 
     def close(self) -> None:
         """Close the files."""
@@ -237,8 +248,7 @@ class Learner:
             self._paused = False
             text = f"goes on after episode {self._ledger.trained}"
         else:
-            if self._ledger.fragment == 0:
-                self._save_snapshot()
+            self._save_snapshot()
             text = f"wrote {self._save_checkpoint()}"
         log.info("%s: %s", verb, text)
         self._beat(now=True)
@@ -346,7 +356,13 @@ class Learner:
             for version in range(max(0, trained - self._config.lag), trained)
             for name, array in self._weights[version].tensors.items()
         }
-        self._archive.save_snapshot(self._trainer.state() | older, trained, self._ledger.version, kept)
+        settled = {f"{SETTLED}{name}": array for name, array in self._settled.items()}
+        opened = {
+            f"{OPEN}{number:06d}": np.frombuffer(encode(fragment), np.uint8)
+            for number, fragment in enumerate(self._open.fragments)
+        }
+        state = self._trainer.state() | older | settled | opened
+        self._archive.save_snapshot(state, trained, self._ledger.version, kept)
 
     def _save_checkpoint(self) -> str:
         path = self._archive.save_checkpoint(self._settled, self._ledger.trained, self._ledger.version)

@@ -132,23 +132,19 @@ class ValueTrainer:
         return self._method.weights()
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """A copy of everything: `algorithm/*`, `replay/*`, and the counters, int64.
-
-        Raises:
-            ValueError: an episode is open.
-        """
-        if self._maker.is_open:
-            raise ValueError("there is no state within an episode: train on its last fragment first")
+        """A copy of everything but the open episode: `algorithm/*`, `replay/*`, and the counters, int64."""
         return {
             **{f"algorithm/{name}": array for name, array in self._method.state().items()},
             **{f"replay/{name}": array for name, array in self._replay.state().items()},
             **{f"trainer/{name}": np.array(count, np.int64) for name, count in self._counters.items()},
         }
 
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def restore(self, state: Mapping[str, NDArray[Any]], opened: Sequence[Episode] = ()) -> None:
         """Take on a `state` of a trainer with the same settings: all that follows is the same to the bit.
 
-        An episode that is open is left.
+        Args:
+            state: as `state` gave it.
+            opened: the fragments, trained on already, of the episode that was open then.
 
         Raises:
             ValueError: naming the tensor that is missing, unknown or does not fit.
@@ -164,6 +160,8 @@ class ValueTrainer:
         self._method.restore(parts["algorithm"])
         self._replay.restore(parts["replay"])
         self._maker.forget()
+        for fragment in opened:
+            self._maker.take(fragment)  # its transitions are in the replay
         self._counters = {name: int(parts["trainer"][name]) for name in COUNTERS}
 
     def _learning_steps(self, steps: int) -> Iterator[int]:

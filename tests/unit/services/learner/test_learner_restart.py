@@ -294,3 +294,28 @@ def test_a_checkpoint_asked_for_in_an_episode_is_of_the_last_whole_one(tmp_path)
     tensors, _ = checkpoint.load(tmp_path / "checkpoints" / "00000001.safetensors", "checkpoint")
     assert all(tensors[name].tobytes() == tensor.tobytes() for name, tensor in settled.tensors.items())
     assert any(tensors[name].tobytes() != tensor.tobytes() for name, tensor in newest.tensors.items())
+
+
+def test_a_snapshot_within_an_episode_goes_on_with_its_next_fragment(tmp_path):
+    folder = RunFolder(tmp_path)
+    before = Cluster(folder, config(0, fragment_steps=4))
+    before.come("one")
+    for _ in range(5):
+        before.bring(fragment(before.lease("one")))
+    before.learner._save_snapshot()
+    lease, settled = before.lease("one"), before.learner._settled
+    before.bring(fragment(lease))
+    weights = before.weights(6)
+    before.learner.close()
+
+    after = Cluster(folder, config(0, fragment_steps=4))
+    after.come("two")
+    again = after.lease("two")
+    assert (again.episode, again.fragment, again.steps, again.weights_version) == (1, 2, lease.steps, 5)
+    assert again.progressed.actions.tobytes() == lease.progressed.actions.tobytes()
+    assert all(after.learner._settled[name].tobytes() == array.tobytes() for name, array in settled.items())
+    after.bring(fragment(again))
+    for name, tensor in weights.tensors.items():
+        assert after.weights(6).tensors[name].tobytes() == tensor.tobytes()
+    after.learner.close()
+    assert [row.digest for row in after.learner._archive.rows] == [row.digest for row in before.learner._archive.rows]

@@ -261,7 +261,7 @@ class Run(RuleBasedStateMachine):
         self.comes("any", known=True)
 
     def open_ledger(self):
-        self.ledger = Ledger(self.levels, self.lag, self.snapshot, self.version_of(self.snapshot))
+        self.ledger = Ledger(self.levels, self.lag, self.snapshot, version=self.version_of(self.snapshot))
         self.trained = [unit for episode in range(self.snapshot) for unit in self.units(episode)]
 
     def units(self, episode):

@@ -105,18 +105,18 @@ def test_it_does_not_matter_where_episodes_are_cut(number, places):
     assert_same_state(whole.state(), parts.state())
 
 
-def test_there_is_no_state_within_an_episode():
-    trainer = make_trainer()
-    first, second = cut(make_episode(1), [20])
-    before = trainer.state()
-    trainer.train(first)
-    with pytest.raises(ValueError, match="no state within an episode"):
-        trainer.state()
-    trainer.train(second)
-    assert trainer.state()["trainer/episodes"] == 1
-    trainer.train(cut(make_episode(2), [20])[0])
-    trainer.restore(before)  # leaves the open episode
-    trainer.train(make_episode(1))
+@pytest.mark.parametrize("after", [1, 2, 3])
+def test_a_trainer_restored_within_an_episode_goes_on_with_the_same_bits(after):
+    straight, restored = make_trainer(replay="prioritized"), make_trainer(replay="prioritized")
+    straight.train(make_episode(0))
+    fragments = cut(make_episode(1), [9, 20, 31])
+    for fragment in fragments[:after]:
+        straight.train(fragment)
+    restored.train(cut(make_episode(99), [7])[0])  # what was open there before must not matter
+    restored.restore(straight.state(), fragments[:after])
+    for fragment in (*fragments[after:], make_episode(2)):
+        assert straight.train(fragment) == restored.train(fragment)
+    assert_same_state(straight.state(), restored.state())
 
 
 def test_an_update_knows_nothing_of_what_completes_later():
