@@ -13,6 +13,8 @@ Difficulty = Literal["easy", "medium", "hard"]
 Serves = Literal["easy", "medium", "hard", "any"]  # what an actor acts
 DIFFICULTIES: tuple[Difficulty, ...] = ("easy", "medium", "hard")
 
+Mode = Literal["greedy", "sample"]  # how a network is scored
+
 MAX_ACTORS = 256  # of one difficulty
 
 Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
@@ -98,8 +100,9 @@ class ExplorationConfig(Strict):
 
 
 class EvaluationConfig(Strict):
-    """How often a checkpoint is written, and on how many fixed levels it is scored, greedily."""
+    """How often a checkpoint is written, and on how many fixed levels it is scored."""
 
+    mode: Mode = "greedy"  # the best action, or for policies one as probable as the network says
     every_episodes: int = Field(default=100, ge=1)
     levels: int = Field(default=50, ge=1, le=1000)  # no more are kept from training
 
@@ -163,6 +166,8 @@ class RunConfig(Strict):
         if (self.network.kind == "actor-critic") != (self.ppo is not None):
             wanted = "actor-critic" if self.ppo else "plain, dueling or recurrent"
             raise ValueError(f"network.kind is {self.network.kind}, which {self.rule} cannot train: make it {wanted}")
+        if self.evaluation.mode == "sample" and self.ppo is None:
+            raise ValueError("evaluation.mode sample: action values give no probabilities to sample, make it greedy")
         return self
 
     @model_validator(mode="after")

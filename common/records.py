@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, model_validator
 from pydantic_core import CoreSchema, core_schema
 
-from common.config import MAX_ACTORS, Difficulty, Serves
+from common.config import MAX_ACTORS, Difficulty, Mode, Serves
 
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
 Text = Annotated[str, Field(max_length=4096)]
@@ -206,10 +206,11 @@ class MetricRow(Record):
 
 
 class EvaluationRow(Record):
-    """A line of `evaluations.jsonl`: a checkpoint scored greedily on the fixed levels of one difficulty."""
+    """A line of `evaluations.jsonl`: a checkpoint scored on the fixed levels of one difficulty."""
 
     episode: Count
     level: Difficulty
+    mode: Mode
     levels: Count
     normalised_return: float = Field(alias="return")
     arrived_share: float

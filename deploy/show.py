@@ -90,9 +90,8 @@ def process_table(status: Status) -> Table:
 
 def evaluation_table(rows: Sequence[EvaluationRow]) -> Table:
     """Checkpoints and their scores."""
-    table = Table(
-        "checkpoint", "level", "greedy return", "trains arrived", "all arrived", "steps", box=None, pad_edge=False
-    )
+    scored = scored_column(rows)
+    table = Table("checkpoint", "level", scored, "trains arrived", "all arrived", "steps", box=None, pad_edge=False)
     for row in rows:
         table.add_row(
             str(row.episode),
@@ -103,6 +102,11 @@ def evaluation_table(rows: Sequence[EvaluationRow]) -> Table:
             f"{row.mean_steps:.0f}",
         )
     return table
+
+
+def scored_column(rows: Sequence[EvaluationRow]) -> str:
+    """The heading over scores; all rows of a run have the same mode."""
+    return f"{rows[0].mode if rows else 'evaluated'} return"
 
 
 def score_table(rows: Sequence[Mapping[str, Any]]) -> Table:
@@ -128,9 +132,8 @@ def score_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 def summary(episodes: Sequence[EpisodeRow], evaluations: Sequence[EvaluationRow]) -> Table:
     """A whole run: blocks of episodes beside the evaluation at their end."""
-    table = Table(
-        "episodes", "training return", "trains arrived", "steps", "greedy return", "all arrived", title="Summary"
-    )
+    scored = scored_column(evaluations)
+    table = Table("episodes", "training return", "trains arrived", "steps", scored, "all arrived", title="Summary")
     size = max(1, -(-len(episodes) // BLOCKS))
     mixed = len({row.level for row in evaluations}) > 1
     for first in range(0, len(episodes), size):
@@ -157,7 +160,7 @@ def row_line(row: EpisodeRow | EvaluationRow) -> str:
             f"arrived {row.arrived}/{row.trains}  steps {row.steps:>3}  epsilon {row.epsilon:.3f}  {row.actor}"
         )
     return (
-        f"checkpoint {row.episode:>3}  {row.level:<6}  greedy {row.normalised_return:7.3f}  "
+        f"checkpoint {row.episode:>3}  {row.level:<6}  {row.mode} {row.normalised_return:7.3f}  "
         f"arrived {row.arrived_share:.0%}  all arrived {row.all_arrived_share:.0%}  steps {row.mean_steps:.0f}"
     )
 

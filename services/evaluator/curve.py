@@ -55,7 +55,7 @@ def draw(folder: RunFolder) -> Path:
             color="black",
             markerfacecolor=COLOURS[level],
             markersize=6,
-            label=f"{level}: greedy on {config.evaluation.levels} evaluation levels",
+            label=f"{level}: {config.evaluation.mode} on {config.evaluation.levels} evaluation levels",
         )
     axes.set(
         xlabel="episode",

@@ -25,7 +25,7 @@ from common.records import (
 )
 from common.rows import DamagedRows, RowFile
 from common.wire import keys
-from services.evaluator.runner import evaluate, greedy
+from services.evaluator.runner import evaluate, greedy, sampled
 
 log = logging.getLogger(__name__)
 
@@ -53,7 +53,9 @@ class Evaluator:
         self._announced = threading.Event()
         self._levels = LevelSupply.from_folder(bank_root(place.folder.path.parent))
         self._twin = Twin(network_layout(place.config.network))
-        self._policy = greedy(player(place.config.engine, MAX_TRAINS, self._on_step), self._twin)
+        plays = player(place.config.engine, MAX_TRAINS, self._on_step)
+        is_greedy = place.config.evaluation.mode == "greedy"
+        self._policy = greedy(plays, self._twin) if is_greedy else sampled(plays, self._twin, place.config.seed)
 
     def run(self) -> None:
         """Serve until told to stop."""
@@ -109,6 +111,7 @@ class Evaluator:
         return EvaluationRow(
             episode=episode,
             level=level,
+            mode=self._config.evaluation.mode,
             levels=levels,
             normalised_return=score.mean_return,
             arrived_share=score.arrived_share,

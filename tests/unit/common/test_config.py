@@ -86,6 +86,23 @@ def complaint(data):
             "evaluation.every_episodes: input should be greater than or equal to 1, not 0",
         ),
         ("evaluation.levels", 0, "evaluation.levels: input should be greater than or equal to 1, not 0"),
+        ("evaluation.mode", "best", "evaluation.mode: input should be 'greedy' or 'sample', not 'best'"),
+        (
+            "evaluation.mode",
+            "sample",
+            "evaluation.mode sample: action values give no probabilities to sample, make it greedy",
+        ),
+        (
+            "network.kind",
+            "actor-critic",
+            "network.kind is actor-critic, which dqn cannot train: make it plain, dueling or recurrent",
+        ),
+        (
+            "ppo",
+            {"learning_rate": 1, "epochs": 1},
+            "a run learns either action values or a policy: give dqn or ppo, and not both",
+        ),
+        ("fragment_steps", 0, "fragment_steps: input should be greater than or equal to 1, not 0"),
         ("cluster.cores", 0, "cluster.cores: input should be greater than or equal to 1, not 0"),
         ("cluster.port", 65536, "cluster.port: input should be less than or equal to 65535, not 65536"),
         ("cluster.hang_timeout_s", 0, "cluster.hang_timeout_s: input should be greater than or equal to 5, not 0"),
@@ -237,3 +254,18 @@ def test_describe_says_the_first_problem_of_any_section():
     with pytest.raises(ValidationError) as caught:
         ExplorationConfig(epsilon_end=0)
     assert describe(caught.value) == "epsilon_end: input should be greater than 0, not 0"
+
+
+def test_what_does_not_go_together_is_named_with_its_remedy():
+    assert complaint(plain({"lag": 1, "fragment_steps": 30})) == (
+        "lag 1 needs whole episodes: add --set fragment_steps=null"
+    )
+    without_replay = plain()
+    del without_replay["replay"]
+    assert complaint(without_replay) == "dqn.batch_size is drawn from a replay: give replay.capacity"
+    policy = plain({"rule": "ppo", "ppo": {"learning_rate": 0.1, "epochs": 2}, "network.kind": "actor-critic"})
+    del policy["dqn"], policy["replay"]
+    assert parse_config(policy).evaluation.mode == "greedy"
+    assert complaint(policy | {"fragment_steps": 5}) == (
+        "fragment_steps 5: ppo learns from whole episodes, leave it out"
+    )

@@ -218,6 +218,7 @@ def test_rows_speak_of_return_in_files_and_of_normalised_return_in_code():
     evaluated = {
         "episode": 1,
         "level": "easy",
+        "mode": "greedy",
         "levels": 2,
         "return": -0.5,
         "arrived_share": 0.5,

@@ -38,6 +38,7 @@ def episode(number):
 
 def evaluation(number, level="easy"):
     return EvaluationRow(
+        mode="greedy",
         episode=number,
         level=level,
         levels=10,

@@ -37,6 +37,7 @@ def episode(number_, value=-0.5, arrived=1, level="easy"):
 
 def evaluation(number_, value=-0.25, level="easy", all_arrived=0.5):
     return EvaluationRow(
+        mode="greedy",
         episode=number_,
         level=level,
         levels=10,

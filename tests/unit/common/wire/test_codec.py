@@ -126,6 +126,7 @@ EVALUATION_ROWS = st.builds(
     records.EvaluationRow,
     episode=COUNTS,
     level=LEVELS,
+    mode=st.sampled_from(["greedy", "sample"]),
     levels=COUNTS,
     normalised_return=FLOATS,
     arrived_share=FLOATS,
