@@ -7,13 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.config import DIFFICULTIES
+from common.config import DIFFICULTIES, NetworkConfig
 from common.levels.legacy import generate
+from common.policy.compiled import Twin
+from common.policy.networks import build_network, export_parameters
+from common.policy.player import MAX_TRAINS, Acting, network_layout, play
+from common.policy.rollout import Rollouts
 from common.rail.flatland_world import FlatlandWorld
 
 EPISODES = 2000
 WARM_UP_EPISODES = 200
 STEPS = 30
+COMPILED_EPISODES = 20_000
 ALLOWED_GROWTH_MB = 30
 
 
@@ -34,6 +39,21 @@ def test_memory_does_not_grow_with_episodes():
                 world.observe(0, train)
             world.step(rng.integers(5, size=(1, 7)).astype(np.int8))
         if seed % WARM_UP_EPISODES == WARM_UP_EPISODES - 1:
+            gc.collect()
+            used_mb.append(resident_mb())
+    assert max(used_mb) - used_mb[0] < ALLOWED_GROWTH_MB, used_mb
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_compiled_episodes():
+    config = NetworkConfig(kind="dueling")
+    twin, rollouts = Twin(network_layout(config)), Rollouts(MAX_TRAINS)
+    twin.load(export_parameters(build_network(config, 252, 5, seed=1)))
+    levels = [generate(DIFFICULTIES[seed % 3], seed) for seed in range(30)]
+    used_mb = []
+    for number in range(COMPILED_EPISODES):
+        play(rollouts, levels[number % len(levels)], Acting(twin, epsilon=0.5, key=number))
+        if number % 1000 == 999:
             gc.collect()
             used_mb.append(resident_mb())
     assert max(used_mb) - used_mb[0] < ALLOWED_GROWTH_MB, used_mb
