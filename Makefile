@@ -14,6 +14,7 @@ $(VENV)/installed: pyproject.toml constraints.txt
 	$(BIN)/pip install --quiet --no-compile --constraint constraints.txt torch==2.13.0
 	$(BIN)/pip install --quiet --no-compile --constraint constraints.txt --editable '.[dev]'
 	$(BIN)/python -m common.policy.compile
+	$(BIN)/python -m services.learner.compile
 	touch $@
 
 # Learns more often than the study does, so that the curve rises within 300 episodes.
