@@ -22,7 +22,7 @@ OPTIONS = (
     f"--level easy --episodes {EPISODES} --seed 7 --set evaluation.every_episodes=20 --set evaluation.levels=2 "
     "--set cluster.snapshot_every_episodes=4"
 ).split()
-DQN_OPTIONS = "--set dqn.batch_size=32 --set dqn.learn_every_steps=8 --set fragment_steps=100".split()
+DQN_OPTIONS = ["--set", "dqn.batch_size=32", "--set", "dqn.learn_every_steps=8", "--set", "fragment_steps=100"]
 NOT_OF_THE_CURVE = {"actor", "acting_s", "trained_unix_s", "evaluated_unix_s", "evaluating_s"}
 
 

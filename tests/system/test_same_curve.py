@@ -10,6 +10,7 @@ from deploy.follow import wait_until
 from deploy.runs import supervised
 
 EPISODES = 40
+WITH_LAG = ("--lag", "2", "--set", "fragment_steps=null")
 KILLED_AFTER = {2: "actor-easy-0", 4: "learner", 6: "evaluator", 8: "router", 10: "supervisor"}
 
 
@@ -26,8 +27,8 @@ def test_flatland_itself_gives_the_curve_of_the_compiled_world(clusters, undistu
 
 
 def test_a_lag_gives_its_own_curve_every_time(clusters, undisturbed):
-    clusters.up("lag-a", "--actors", "easy=3", "--lag", "2")
-    clusters.up("lag-b", "--actors", "easy=2", "--lag", "2")
+    clusters.up("lag-a", "--actors", "easy=3", *WITH_LAG)
+    clusters.up("lag-b", "--actors", "easy=2", *WITH_LAG)
     assert clusters.curve("lag-a") == clusters.curve("lag-b")
     assert clusters.curve("lag-a") != undisturbed
 
@@ -50,17 +51,18 @@ def test_killing_everything_one_after_another_changes_nothing(clusters, undistur
     assert living(clusters.folder("killed")) == {}
 
 
+SMALL = ("--set", "network.hidden=[32, 32]", "--set", "dqn.batch_size=32")  # an LSTM learns slowly
 ALGORITHMS = {
     "dqn": (),
     "ddqn": (),
     "dddqn": ("--set", "replay=prioritized"),
-    "drqn": (),
-    "drqn-prioritized": ("--set", "replay=prioritized"),
+    "drqn": SMALL,
+    "drqn-prioritized": (*SMALL, "--set", "replay=prioritized"),
     "ppo": (),
     "ppor": (),
     "sil": (),
 }
-OFTEN = {"drqn-prioritized", "sil"}  # the others take their time
+OFTEN = {"drqn-prioritized"}  # it has most to keep; the others are for `make soak`
 
 
 @pytest.mark.parametrize(
