@@ -19,19 +19,24 @@ BENCHES = {
     "learner": "services.learner.bench_update",
     "replay": "services.learner.bench_replay",
 }
+WITH_WORLDS = ("world", "policy", "levels")  # that play so many worlds, or make so many levels
 INTERRUPTED = 130  # as shells say it
 
 
 @one_line_errors
 def bench(
     what: Annotated[str, typer.Argument(metavar="WHAT", help=f"One of {', '.join(BENCHES)}.")],
-    repeats: Annotated[int | None, typer.Option(help="Repeats, whose medians are taken.  [default: 5]")] = None,
-    worlds: Annotated[int | None, typer.Option(help="Worlds, levels or episodes in a repeat.")] = None,
+    repeats: Annotated[int | None, typer.Option(help="Repeats, whose medians are taken; default: 5.")] = None,
+    worlds: Annotated[
+        int | None, typer.Option(help=f"In a repeat, of {', '.join(WITH_WORLDS)}; default: each one's own.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure ours beside others: same work, one process, one core; a ratio above 1 says that ours is better."""
     if what not in BENCHES:
         raise ConfigError(f"unknown benchmark {what!r}{nearest(what, list(BENCHES))}")
+    if worlds is not None and what not in WITH_WORLDS:
+        raise ConfigError(f"--worlds {worlds}: bench {what} plays none, leave it out")
     command = [sys.executable, "-m", BENCHES[what]]
     for option, value in (("--repeats", repeats), ("--worlds", worlds)):
         if value is not None and value < 1:

@@ -6,5 +6,5 @@ from deploy.output import AsJson, RunName, one_line_errors
 
 @one_line_errors
 def pause(run: RunName = None, as_json: AsJson = False) -> None:
-    """Hold a run: running episodes are finished, no new ones begin. It stays paused until railctl resume."""
+    """Hold a run: what is being acted is finished, nothing new begins. It stays paused until railctl resume."""
     ask_learner(run, "pause", as_json=as_json)

@@ -17,7 +17,7 @@ TIMEOUT_S = 5.0
 @one_line_errors
 def scale(
     run: Annotated[str, typer.Argument(metavar="RUN", help="Name or folder of the run.")],
-    counts: Annotated[list[str], typer.Argument(metavar="LEVEL=COUNT...", help="For example easy=3 hard=1.")],
+    counts: Annotated[list[str], typer.Argument(metavar="LEVEL=COUNT", help="For example easy=3 hard=1.")],
     as_json: AsJson = False,
 ) -> None:
     """Change how many actors serve each difficulty; those not named stay as they are."""

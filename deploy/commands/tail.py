@@ -1,21 +1,26 @@
 """railctl tail: every row of a run, from the first on, as it comes."""
 
 from collections.abc import Sequence
+from typing import Annotated
+
+import typer
 
 from common.bus import NoAnswer
 from common.locks import living
 from common.records import EpisodeRow, EvaluationRow
 from deploy.follow import Rows, rows_from_files
-from deploy.output import AsJson, RunName, console, one_line_errors
+from deploy.output import RunName, console, one_line_errors
 from deploy.runs import find_run, reach
 from deploy.show import row_line
 
 WAIT_S = 0.5
 
+Lines = Annotated[bool, typer.Option("--json", help="Print a JSON document a line.")]
+
 
 @one_line_errors
-def tail(run: RunName = None, as_json: AsJson = False) -> None:
-    """Follow a run's episodes and evaluations, with full history, until it ends. With --json, a document a line."""
+def tail(run: RunName = None, as_json: Lines = False) -> None:
+    """Follow a run's episodes and evaluations, with full history, until it ends."""
     folder = find_run(run)
     try:
         with reach(folder) as bus:

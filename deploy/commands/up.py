@@ -14,7 +14,7 @@ from deploy.commands.scale import scale_to
 from deploy.follow import outcome_of
 from deploy.launch import check_existing, fresh_name, new_run, save_config, start_supervisor
 from deploy.output import console, one_line_errors
-from deploy.resolve import merge, parse_actors, parse_sets, read_file, resolve, resolve_existing
+from deploy.resolve import algorithms, merge, parse_actors, parse_sets, read_file, resolve, resolve_existing
 from deploy.runs import Failed, runs_root, supervised
 from deploy.show import summary
 from deploy.watch import watch
@@ -24,17 +24,17 @@ from deploy.watch import watch
 def up(
     file: Annotated[Path | None, typer.Option("--file", "-f", help="Run file (YAML).")] = None,
     name: Annotated[str | None, typer.Option(help="Name of the run; an existing one goes on.")] = None,
-    algorithm: Annotated[str | None, typer.Option(help="Algorithm preset.  [default: dddqn]")] = None,
-    level: Annotated[str | None, typer.Option(help="easy, medium or hard.  [default: easy]")] = None,
-    actors: Annotated[
-        str | None, typer.Option(help="Actors, as easy=2,hard=1 or any=2.  [default: one a level]")
+    algorithm: Annotated[str | None, typer.Option(help=f"Preset: {', '.join(algorithms())}; default: dddqn.")] = None,
+    level: Annotated[str | None, typer.Option(help="easy, medium or hard; default: easy.")] = None,
+    actors: Annotated[str | None, typer.Option(help="As easy=2,hard=1 or any=2; default: one a level.")] = None,
+    episodes: Annotated[int | None, typer.Option(help="Episodes to train; default: 1500.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Of everything random; default: 1.")] = None,
+    lag: Annotated[int | None, typer.Option(help="Episodes that run ahead of training; default: 0.")] = None,
+    cores: Annotated[int | None, typer.Option(help="Cores that all processes share; default: 2.")] = None,
+    engine: Annotated[str | None, typer.Option(help="Of the worlds, compiled or flatland; default: compiled.")] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="Any setting, as dqn.batch_size=64; may be repeated.")
     ] = None,
-    episodes: Annotated[int | None, typer.Option(help="Episodes to train.  [default: 1500]")] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of everything random.  [default: 1]")] = None,
-    lag: Annotated[int | None, typer.Option(help="Episodes that run ahead of training.  [default: 0]")] = None,
-    cores: Annotated[int | None, typer.Option(help="Cores that all processes share.  [default: 2]")] = None,
-    engine: Annotated[str | None, typer.Option(help="World engine.  [default: flatland]")] = None,
-    settings: Annotated[list[str] | None, typer.Option("--set", help="Any setting, as key=value.")] = None,
     detach: Annotated[bool, typer.Option("--detach", help="Return at once; attach with railctl tail.")] = False,
 ) -> None:
     """Start a run or go on with one: router, learner, actors, evaluator and their supervisor."""

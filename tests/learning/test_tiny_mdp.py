@@ -88,11 +88,11 @@ METHODS = {
     "ddqn": {},
     "dddqn": {"kind": "dueling"},
     "classic double": {"kind": "dueling", "double": True},
-    "drqn": {"kind": "recurrent", "sequence_decisions": 3},
+    "drqn": {"rule": "drqn", "kind": "recurrent", "sequence_decisions": 3},
 }
 
 
-def learn(replay, *, episodes, act=act, kind="plain", **switches):
+def learn(replay, *, episodes, act=act, rule="dqn", kind="plain", **switches):
     """The compiled twin of a network trained on so many episodes that `act` plays."""
     layout = Layout(kind, 4, 3, (32, 32))
     learning = Learning(
@@ -107,7 +107,7 @@ def learn(replay, *, episodes, act=act, kind="plain", **switches):
         n_features=layout.n_features,
         n_actions=layout.n_actions,
     )
-    trainer, twin = build_trainer("drqn" if kind == "recurrent" else "dqn", learning), Twin(layout)
+    trainer, twin = build_trainer(rule, learning), Twin(layout)
     for number in range(episodes):
         twin.load(trainer.weights())
         trainer.train(act(number, twin, epsilon=0.5))

@@ -19,12 +19,12 @@ SEEDS = re.compile(r"^(\d+)(?:-(\d+))?$")
 @one_line_errors
 def build(
     level: Annotated[
-        list[str] | None, typer.Option(help="easy, medium or hard; may be repeated.  [default: all]")
+        list[str] | None, typer.Option(help="easy, medium or hard; may be repeated; default: all.")
     ] = None,
     seeds: Annotated[str, typer.Option(help="Seeds of the runs that shall find their levels, as 3 or 1-10.")] = "1-10",
     episodes: Annotated[int, typer.Option(help="Training episodes of each run.", min=0)] = 1500,
     evaluation: Annotated[int, typer.Option(help="Evaluation levels.", min=0)] = 1000,
-    processes: Annotated[int | None, typer.Option(help="Processes to build with.  [default: all cores]", min=1)] = None,
+    processes: Annotated[int | None, typer.Option(help="Processes to build with; default: one a core.", min=1)] = None,
     bank: Bank = None,
     as_json: AsJson = False,
 ) -> None:

@@ -14,7 +14,7 @@ from deploy.task import run_task
 
 @one_line_errors
 def import_(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=".pkl of flatland-rl, or .npz.", exists=True)],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", help=".pkl of flatland-rl, or .npz.", exists=True)],
     output: Annotated[Path, typer.Option(help="The .npz file to write.")] = Path("levels.npz"),
     group: Annotated[str | None, typer.Option(help="Put all levels into one group of this name.")] = None,
     as_json: AsJson = False,
@@ -30,7 +30,7 @@ def export(
     level: Level = "easy",
     count: Annotated[int, typer.Option(help="How many levels.", min=1)] = 100,
     seed: Annotated[
-        int | None, typer.Option(help="Training levels of this run seed.  [default: evaluation levels]")
+        int | None, typer.Option(help="Training levels of runs with this seed; default: evaluation levels.")
     ] = None,
     output: Annotated[Path, typer.Option(help="A .npz file, or a folder for .pkl files of flatland-rl.")] = Path(
         "levels.npz"

@@ -9,9 +9,11 @@ from common.config import DIFFICULTIES, ConfigError, nearest
 
 TASKS = "common.levels.tasks"  # the process that does the work
 
-Bank = Annotated[Path | None, typer.Option(help="The bank's folder.  [default: $RAILCTL_LEVELS or runs/.levels]")]
+Bank = Annotated[
+    Path | None, typer.Option(help="The bank's folder; default: $RAILCTL_LEVELS, or .levels beside the runs.")
+]
 Level = Annotated[str, typer.Option(help="easy, medium or hard.")]
-LevelFile = Annotated[Path | None, typer.Argument(metavar="[FILE]", help="A .npz or .pkl file.", exists=True)]
+LevelFile = Annotated[Path | None, typer.Argument(metavar="FILE", help="A .npz or .pkl file.", exists=True)]
 
 
 def option(name: str, value: object) -> list[str]:

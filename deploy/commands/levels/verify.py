@@ -30,9 +30,9 @@ def verify(
     bank: Bank = None,
     as_json: AsJson = False,
 ) -> None:
-    """Replay the recorded episodes of FILE, step by step, under the rules of flatland 2.2.2.
+    """Check the bank, or replay the recorded episodes of a file under the rules of flatland 2.2.2.
 
-    Without FILE: check every level of the bank against its hash, and a sample against the generator.
+    Without FILE: every level of the bank against its hash, and a sample against the generator.
     """
     if file is None:
         root = bank or bank_root(runs_root())

@@ -38,6 +38,7 @@ def test_a_bench_prints_one_document(capfd):
         (["wrold"], "unknown benchmark 'wrold': did you mean world? known are "),
         (["world", "--repeats", "0"], "--repeats 0: use a number above 0"),
         (["levels", "--worlds", "-1"], "--worlds -1: use a number above 0"),
+        (["replay", "--worlds", "3"], "--worlds 3: bench replay plays none, leave it out"),
     ],
 )
 def test_wrong_usage_is_one_line(arguments, text):

@@ -1,0 +1,95 @@
+"""What the documents say about the command line exists, and the command line's own help shows all that it says."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from deploy.cli import app
+from deploy.resolve import algorithms, parse_sets, resolve
+
+ROOT = Path(__file__).parents[3]
+DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
+BLOCK = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
+INLINE = re.compile(r"`([^`]+)`")
+MAIN = typer.main.get_command(app)
+
+
+def commands(command=MAIN, path=()):
+    """Every command by its words: (), ("up",), ("levels",), ("levels", "build"), ..."""
+    yield path, command
+    for name, child in getattr(command, "commands", {}).items():
+        yield from commands(child, (*path, name))
+
+
+COMMANDS = dict(commands())
+
+
+def spoken(text):
+    """The words of every command that a document writes out, in blocks and between backticks."""
+    lines = [
+        line.removeprefix("$ ") for block in BLOCK.findall(text) for line in block.replace("\\\n", " ").splitlines()
+    ]
+    lines += [" ".join(inline.split()) for inline in INLINE.findall(BLOCK.sub("", text))]
+    for line in lines:
+        words = shlex.split(line.replace("[", "").replace("]", ""), comments=True) if "railctl " in line else []
+        if words and words[0].endswith("railctl"):
+            yield words[1:]
+
+
+def unknown(words):
+    """What is wrong with a command's words, if anything."""
+    path = tuple(words[:2]) if words[:1] == ["levels"] else tuple(words[:1])
+    wrong = []
+    for verb in path[-1].split("|"):
+        command = COMMANDS.get((*path[:-1], verb))
+        if command is None:
+            if verb.islower():  # COMMAND stands for any
+                wrong.append(verb)
+            continue
+        options = {name for parameter in command.params for name in parameter.opts} | {"-h", "--help"}
+        wrong += [word for word in words if re.match("--?[a-z]", word) and word.partition("=")[0] not in options]
+    return wrong
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_every_command_and_option_of_a_document_exists(document):
+    found = {" ".join(words): unknown(words) for words in spoken(document.read_text()) if words}
+    assert {line: wrong for line, wrong in found.items() if wrong} == {}
+
+
+def test_the_readme_names_every_command():
+    said = {" ".join(words) for words in spoken((ROOT / "README.md").read_text())}
+    verbs = {part for line in said for word in line.split()[:2] for part in word.split("|")}
+    assert {path[-1] for path in COMMANDS if path} <= verbs
+
+
+def test_what_the_readme_does_not_know_is_noticed():
+    assert unknown(["up", "--levels", "easy"]) == ["--levels"]
+    assert unknown(["pause|retsart", "RUN"]) == ["retsart"]
+    assert unknown(["levels", "build", "--seeds", "1-2", "--seed=3"]) == ["--seed=3"]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_every_setting_of_a_document_is_one(document):
+    text = re.sub(r"\$ railctl .*\nrailctl: .*", "", document.read_text())  # what is shown to be refused
+    for setting in re.findall(r"--set[ \n]+(?!key=value)([a-z_.]+=[^\s`]+)", text):
+        refused = []
+        for algorithm in algorithms():
+            try:
+                resolve({"algorithm": algorithm} | parse_sets([setting]))
+            except ValueError as error:
+                refused.append(str(error))
+        assert len(refused) < len(algorithms()), (setting, refused[0])
+
+
+@pytest.mark.parametrize("path", COMMANDS, ids=lambda path: "-".join(path) or "railctl")
+def test_help_shows_all_that_is_written(path):
+    shown = CliRunner().invoke(app, [*path, "--help"], env={"COLUMNS": "300", "TERMINAL_WIDTH": "300"})
+    assert shown.exit_code == 0
+    words = " ".join(re.sub("[│╭╮╰╯─]", " ", shown.stdout).split())
+    for parameter in COMMANDS[path].params:
+        assert (getattr(parameter, "help", None) or "") in words  # brackets are taken for markup, and swallowed
