@@ -35,11 +35,11 @@ from common.records import (
 )
 from common.seeding import training_level_seed
 from common.wire import keys
-from common.wire.codec import decode, encode, encoding_of
 from common.wire.keys import Alive
 from services.learner.archive import KEPT_SNAPSHOTS, Archive
 from services.learner.learning import Learning, build_trainer
 from services.learner.ledger import Ledger, Unit
+from services.learner.memory import Memory, take_memory
 from services.learner.opened import OpenEpisode
 from services.learner.replay.transitions import check_order
 from services.learner.schedule import difficulties
@@ -50,10 +50,6 @@ log = logging.getLogger(__name__)
 LONG_POLL_S = 2.0  # an answer without work goes out after this
 RATE_WINDOW_S = 30.0
 HISTORY_CHUNK = 1000
-# What names in a snapshot begin with, besides the trainer's:
-OLDER = "weights/"  # that episodes to come still act with
-SETTLED = "settled/"  # weights after the last whole episode, which is what checkpoints are of
-OPEN = "open/"  # fragments of the open episode
 
 
 @dataclass
@@ -97,19 +93,17 @@ class Learner:
         self._rejected = 0
 
     def _restore(self, snapshot: Tensors) -> None:
-        """Go on from a snapshot: the trainer's state, and the older weights that episodes to come still act with."""
-        older: dict[int, Tensors] = {}
-        for name in [name for name in snapshot if name.startswith(OLDER)]:
-            version, _, parameter = name.removeprefix(OLDER).partition("/")
-            older.setdefault(int(version), {})[parameter] = snapshot.pop(name)
-        self._weights = {version: Weights(version=version, tensors=tensors) for version, tensors in older.items()}
-        self._settled = {name: snapshot.pop(f"{SETTLED}{name}") for name in self._trainer.weights()}
-        for name in sorted(name for name in snapshot if name.startswith(OPEN)):
-            self._open.add(decode(Episode, encoding_of(Episode), snapshot.pop(name).tobytes()))
         try:
-            self._trainer.restore(snapshot, self._open.fragments)
+            memory = take_memory(snapshot)
+            if memory.settled.keys() != self._settled.keys():
+                raise ValueError(f"tensor settled/{min(self._settled)} is missing")  # noqa: TRY301  (said as the others)
+            self._trainer.restore(snapshot, memory.opened)
         except ValueError as error:
             raise Fatal(f"the newest snapshot does not fit this version: {error}: use the one that wrote it") from None
+        self._weights = {version: Weights(version=version, tensors=older) for version, older in memory.older.items()}
+        self._settled = memory.settled
+        for fragment in memory.opened:
+            self._open.add(fragment)
 
     def run(self) -> None:
         """Serve until told to stop; then leave a snapshot that holds everything."""
@@ -351,17 +345,9 @@ class Learner:
     def _save_snapshot(self) -> None:
         kept = 1 if self._ledger.finished else KEPT_SNAPSHOTS
         trained = self._ledger.trained
-        older = {
-            f"{OLDER}{version}/{name}": array
-            for version in range(max(0, trained - self._config.lag), trained)
-            for name, array in self._weights[version].tensors.items()
-        }
-        settled = {f"{SETTLED}{name}": array for name, array in self._settled.items()}
-        opened = {
-            f"{OPEN}{number:06d}": np.frombuffer(encode(fragment), np.uint8)
-            for number, fragment in enumerate(self._open.fragments)
-        }
-        state = self._trainer.state() | older | settled | opened
+        versions = range(max(0, trained - self._config.lag), trained)
+        older = {version: self._weights[version].tensors for version in versions}
+        state = self._trainer.state() | Memory(older, self._settled, self._open.fragments).tensors()
         self._archive.save_snapshot(state, trained, self._ledger.version, kept)
 
     def _save_checkpoint(self) -> str:

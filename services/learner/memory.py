@@ -1,0 +1,57 @@
+"""What a snapshot holds besides the trainer's state, as named arrays: all that the learner itself must not forget."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.checkpoint import Tensors
+from common.records import Episode
+from common.wire.codec import decode, encode, encoding_of
+
+# What the names of its arrays begin with:
+OLDER, SETTLED, OPEN = "weights/", "settled/", "open/"
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What the learner goes on with.
+
+    Attributes:
+        older: earlier weights, by version, that episodes to come still act with.
+        settled: the weights after the last whole episode, which is what checkpoints are of.
+        opened: the fragments, trained on already, of the open episode.
+    """
+
+    older: dict[int, Tensors]
+    settled: Tensors
+    opened: Sequence[Episode]
+
+    def tensors(self) -> Tensors:
+        """As named arrays."""
+        arrays: Tensors = {f"{SETTLED}{name}": array for name, array in self.settled.items()}
+        for version, weights in self.older.items():
+            arrays |= {f"{OLDER}{version}/{name}": array for name, array in weights.items()}
+        for number, fragment in enumerate(self.opened):
+            arrays[f"{OPEN}{number:06d}"] = np.frombuffer(encode(fragment), np.uint8)
+        return arrays
+
+
+def take_memory(snapshot: Tensors) -> Memory:
+    """Undo `Memory.tensors`: takes its arrays out of a snapshot and leaves the others there.
+
+    Raises:
+        ValueError: a fragment cannot be read.
+    """
+    older: dict[int, Tensors] = {}
+    settled: Tensors = {}
+    opened = []
+    for name in sorted(snapshot):
+        if name.startswith(OLDER):
+            version, _, parameter = name.removeprefix(OLDER).partition("/")
+            older.setdefault(int(version), {})[parameter] = snapshot.pop(name)
+        elif name.startswith(SETTLED):
+            settled[name.removeprefix(SETTLED)] = snapshot.pop(name)
+        elif name.startswith(OPEN):
+            opened.append(decode(Episode, encoding_of(Episode), snapshot.pop(name).tobytes()))
+    return Memory(older, settled, opened)
