@@ -183,6 +183,22 @@ class RunConfig(Strict):
         return self
 
     @model_validator(mode="after")
+    def _replay_fits_the_policy(self) -> Self:
+        """What is learned from again decides what has to be kept, and how it is drawn."""
+        if self.ppo is None:
+            return self
+        if self.sil is not None:
+            if self.replay is not None and (self.replay.kind != "prioritized" or self.replay.beta != 0):
+                raise ValueError(
+                    "self-imitation draws what turned out well: make replay.kind prioritized, replay.beta 0"
+                )
+        elif self.ppo.batch_size is None and self.replay is not None:
+            raise ValueError("without ppo.batch_size nothing is drawn from a replay: leave replay out")
+        elif self.replay is not None and self.replay.kind != "uniform":
+            raise ValueError(f"{self.rule} draws all alike: make replay.kind uniform")
+        return self
+
+    @model_validator(mode="after")
     def _fragments_are_serial(self) -> Self:
         if self.fragment_steps is None:
             return self

@@ -345,7 +345,7 @@ class Progress(Record):
     done: Count
     leased: Count
     waiting: dict[Difficulty, Count]  # could be acted now, if an actor asked
-    weights_version: Count
+    weights_version: Count | None  # only the learner knows
     snapshot: Count  # episodes in the newest snapshot
     evaluations: Count
     evaluations_due: Count

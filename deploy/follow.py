@@ -47,7 +47,7 @@ def status_from_files(folder: RunFolder) -> Status:
             done=len(episodes),
             leased=0,
             waiting={},
-            weights_version=len(episodes),
+            weights_version=None,
             snapshot=max(snapshots, default=0),
             evaluations=len(evaluations),
             evaluations_due=checkpoints,

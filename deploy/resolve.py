@@ -38,6 +38,10 @@ def resolve(given: Plain) -> RunConfig:
     by_level = preset.pop("levels")
     given = spelled_out(given)
     check_sections(given)
+    for section in ("dqn", "ppo", "sil", "replay"):
+        if section in given and section not in preset:
+            has = ", ".join(name for name in ("dqn", "ppo", "sil", "replay") if name in preset)
+            raise ConfigError(f"algorithm {algorithm} has no section {section}: it has {has}")
     mix = given.setdefault("mix", {"easy": 1.0})
     hardest = max((level for level in mix if level in DIFFICULTIES), key=DIFFICULTIES.index, default="easy")
     defaults = {

@@ -308,7 +308,7 @@ class Learner:
             level=self._difficulty(episode),
             level_seed=training_level_seed(self._config.seed, episode),
             weights_version=self._ledger.weights_version(episode),
-            epsilon=self._config.exploration.epsilon(episode, self._config.episodes),
+            epsilon=self._epsilon(episode),
             steps=None if every is None else every - (self._steps + opened.steps) % every,
             progressed=opened.progressed,
         )
@@ -320,6 +320,10 @@ class Learner:
             safe_before=self._archive.snapshot,
             finished=self._ledger.finished,
         )
+
+    def _epsilon(self, episode: int) -> float:
+        """The share of random actions; policies explore by what they are."""
+        return 0.0 if self._config.dqn is None else self._config.exploration.epsilon(episode, self._config.episodes)
 
     def _difficulty(self, episode: int) -> Difficulty:
         return self._ledger.difficulties[episode]
@@ -334,7 +338,7 @@ class Learner:
             trains=len(episode.arrived_at),
             steps=self._open.steps,
             decisions=self._open.decisions,
-            epsilon=self._config.exploration.epsilon(episode.episode, self._config.episodes),
+            epsilon=self._epsilon(episode.episode),
             weights_version=self._open.weights_version,
             digest=self._open.digest,
             actor=episode.actor,

@@ -304,3 +304,23 @@ def test_merging_lays_one_over_the_other(below, above):
 @given(st.dictionaries(st.sampled_from(["a", "b.c", "b.d", "e.f.g"]), st.integers(), max_size=4))
 def test_settings_come_back_flat(data):
     assert flat(parse_sets([f"{key}={yaml.safe_dump(value).split()[0]}" for key, value in data.items()])) == data
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "given", "text"),
+    [
+        ("ppo", {"dqn": {"double": True}}, "algorithm ppo has no section dqn: it has ppo"),
+        ("ppo", {"replay": "prioritized"}, "algorithm ppo has no section replay: it has ppo"),
+        ("dddqn", {"sil": {"epochs": 3}}, "algorithm dddqn has no section sil: it has dqn, replay"),
+        ("ppor", {"replay": "prioritized"}, "ppor draws all alike: make replay.kind uniform"),
+        (
+            "sil",
+            {"replay": "uniform"},
+            "self-imitation draws what turned out well: make replay.kind prioritized, replay.beta 0",
+        ),
+    ],
+)
+def test_what_an_algorithm_does_not_have_is_said_before_anything_starts(algorithm, given, text):
+    with pytest.raises(ConfigError) as caught:
+        resolve({"algorithm": algorithm, **given})
+    assert str(caught.value) == text
