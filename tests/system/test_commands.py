@@ -32,7 +32,7 @@ def test_pause_scale_resume_checkpoint_down_up(clusters, undisturbed, tail):
     output = clusters.railctl("up", "--name", "handled").stdout
     assert "Summary" in output
     assert clusters.folder("handled").curve_file.exists()
-    ours = [row for row in clusters.curve("handled") if "digest" in row or row["episode"] in (20, 40)]
+    ours = [row for row in clusters.curve("handled") if "digest" in row or row["episode"] in (12, 24)]
     assert ours == undisturbed
 
 
@@ -58,7 +58,7 @@ def test_a_second_up_attaches_and_another_configuration_is_refused(clusters, tai
     assert "is running already" in clusters.up("twice", "--detach").stdout
     assert living(clusters.folder("twice"))["supervisor"] == before["supervisor"]
     refused = clusters.railctl("up", "--name", "twice", "--episodes", "99", code=2)
-    assert "episodes 40, not 99" in refused.stderr
+    assert "episodes 24, not 99" in refused.stderr
     assert "difficulty hard" in clusters.railctl("scale", "twice", "hard=1", code=1).stderr
     clusters.railctl("down", "twice", "--force")
     assert living(clusters.folder("twice")) == {}
