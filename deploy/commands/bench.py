@@ -1,8 +1,10 @@
 """railctl bench: ours beside others, in a process of its own that may import both."""
 
 import os
+import signal
 import subprocess
 import sys
+from threading import Event
 from typing import Annotated
 
 import typer
@@ -21,6 +23,7 @@ BENCHES = {
 }
 WITH_WORLDS = ("world", "policy", "levels")  # that play so many worlds, or make so many levels
 INTERRUPTED = 130  # as shells say it
+LOOK_S = 0.1
 
 
 @one_line_errors
@@ -51,13 +54,15 @@ def bench(
 
 def _run(command: list[str]) -> int:
     """Run a command to its end; it speaks for itself, and is no concern of the terminal's Ctrl-C, but of ours."""
-    with subprocess.Popen(command, env=os.environ | ENVIRONMENT, process_group=0) as process:
-        try:
-            return process.wait()
-        except KeyboardInterrupt:
-            process.terminate()
-            process.wait()
-            sys.exit(INTERRUPTED)
-        except BaseException:
-            process.terminate()
-            raise
+    interrupted = Event()
+    before = signal.signal(signal.SIGINT, lambda *_: interrupted.set())  # an exception might come while it starts
+    try:
+        with subprocess.Popen(command, env=os.environ | ENVIRONMENT, process_group=0) as process:
+            while process.poll() is None:
+                if interrupted.wait(LOOK_S):
+                    process.terminate()
+                    process.wait()
+                    sys.exit(INTERRUPTED)
+            return process.returncode
+    finally:
+        signal.signal(signal.SIGINT, before)

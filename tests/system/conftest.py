@@ -17,9 +17,9 @@ from deploy.follow import wait_until
 
 RAILCTL = Path(sys.executable).with_name("railctl")
 PATIENCE_S = 120.0
-EPISODES = 24
+EPISODES = 40
 OPTIONS = (
-    f"--level easy --episodes {EPISODES} --seed 7 --set evaluation.every_episodes=12 --set evaluation.levels=2 "
+    f"--level easy --episodes {EPISODES} --seed 7 --set evaluation.every_episodes=20 --set evaluation.levels=2 "
     "--set cluster.snapshot_every_episodes=4"
 ).split()
 DQN_OPTIONS = ["--set", "dqn.batch_size=32", "--set", "dqn.learn_every_steps=8", "--set", "fragment_steps=100"]

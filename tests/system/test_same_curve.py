@@ -9,7 +9,7 @@ from common.locks import living
 from deploy.follow import wait_until
 from deploy.runs import supervised
 
-EPISODES = 24
+EPISODES = 40
 WITH_LAG = ("--lag", "2", "--set", "fragment_steps=null")
 KILLED_AFTER = {2: "actor-easy-0", 4: "learner", 6: "evaluator", 8: "router", 10: "supervisor"}
 
@@ -47,7 +47,7 @@ def test_killing_everything_one_after_another_changes_nothing(clusters, undistur
     rows.rest()
     assert clusters.curve("killed") == undisturbed
     assert rows.episodes == list(range(EPISODES))
-    assert rows.evaluations == [12, 24]
+    assert rows.evaluations == [20, 40]
     assert living(clusters.folder("killed")) == {}
 
 
