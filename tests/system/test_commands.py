@@ -49,6 +49,7 @@ def test_ctrl_c_stops_cleanly_and_a_second_run_goes_on(clusters, undisturbed, ta
     assert "railctl up --name interrupted goes on" in output
     assert living(clusters.folder("interrupted")) == {}
     clusters.railctl("up", "--name", "interrupted", "--detach")
+    assert wait_until(lambda: clusters.status("interrupted")["state"] == "paused", 60)  # the learner is there
     clusters.railctl("resume", "interrupted")
     tail("interrupted").rest()
     assert clusters.curve("interrupted") == undisturbed
