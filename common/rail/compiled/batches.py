@@ -11,6 +11,25 @@ from common.rail.compiled.step import start, step
 from common.rail.world import MOVE_FORWARD
 
 
+@bare_kernel
+def survey(
+    batch: Batch,
+    slot: int,
+    mode: int,
+    deciding: NDArray[np.bool_],
+    arrived: NDArray[np.bool_],
+    over: NDArray[np.bool_],
+) -> None:
+    """Fill in what has become of a slot: [E, N], [E, N] and [E]."""
+    world, trains, codes = batch.worlds[slot], batch.trains[slot], batch.codes[slot]
+    over[slot] = world["over"]
+    deciding[slot] = False
+    arrived[slot] = False
+    for at in range(world["trains"]):
+        arrived[slot, at] = trains[at]["state"] == DONE
+        deciding[slot, at] = not world["over"] and decides(trains[at], codes, world["unit"], mode)
+
+
 @kernel
 def load(
     batch: Batch,
@@ -25,8 +44,12 @@ def load(
     unit: int,
     max_steps: int,
     legacy: bool,
+    mode: int,
+    deciding: NDArray[np.bool_],
+    arrived: NDArray[np.bool_],
+    over: NDArray[np.bool_],
 ) -> int:
-    """Put a level into a slot; the first train whose target has no rails, or -1.
+    """Put a level into a slot, and survey it; the first train whose target has no rails, or -1.
 
     `numbers` [H, W] numbers the cells of `grid` [H, W], `count` in all. `starts` [N, 3] are row, column, heading;
     `targets` [N, 3] row, column, and a bit for each heading that counts, 0 for all that the rails allow; `speeds` [N]
@@ -58,26 +81,8 @@ def load(
         train["time_per_cell"] = 1.0 / (speeds[at] / unit)
     measure(batch, slot)
     start(batch, slot, legacy)
+    survey(batch, slot, mode, deciding, arrived, over)
     return -1
-
-
-@bare_kernel
-def survey(
-    batch: Batch,
-    slot: int,
-    mode: int,
-    deciding: NDArray[np.bool_],
-    arrived: NDArray[np.bool_],
-    over: NDArray[np.bool_],
-) -> None:
-    """Fill in what has become of a slot: [E, N], [E, N] and [E]."""
-    world, trains, codes = batch.worlds[slot], batch.trains[slot], batch.codes[slot]
-    over[slot] = world["over"]
-    deciding[slot] = False
-    arrived[slot] = False
-    for at in range(world["trains"]):
-        arrived[slot, at] = trains[at]["state"] == DONE
-        deciding[slot, at] = not world["over"] and decides(trains[at], codes, world["unit"], mode)
 
 
 @bare_kernel

@@ -12,7 +12,7 @@ from common.levels.level import Level
 from common.rail.compiled import decisions as decision_modes
 from common.rail.compiled import tree as tree_modes
 from common.rail.compiled.arrays import DONE, MOST_CELLS, Batch, empty_batch, enlarged
-from common.rail.compiled.batches import load, step_all, survey
+from common.rail.compiled.batches import load, step_all
 from common.rail.compiled.looking import look, look_at_all
 from common.rail.compiled.malfunctions import Malfunctions
 from common.rail.compiled.paths import number_cells
@@ -130,10 +130,13 @@ class CompiledWorld:
             unit,
             level.max_steps,
             self._legacy,
+            self._decisions,
+            self._deciding,
+            self._arrived,
+            self._over,
         )
         if astray >= 0:
             raise ValueError(f"no train can stand on the target of train {astray}")
-        survey(self.batch, slot, self._decisions, self._deciding, self._arrived, self._over)
         self._seen = None
 
     def parts(self) -> Parts:
