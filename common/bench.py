@@ -23,8 +23,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from common.task import FAILED, WRONG_USAGE
+
 REPEATS = 5
-FAILED, WRONG_USAGE = 1, 2
 Result = TypeVar("Result")
 Tell = Callable[[str, int, int], None]
 

@@ -10,6 +10,7 @@ import yaml
 from common.config import DIFFICULTIES, MAX_ACTORS, ConfigError, RunConfig, nearest, parse_config, section_of
 
 Plain = dict[str, Any]
+OPTIONAL_SECTIONS = ("dqn", "ppo", "sil", "replay")  # an algorithm has those that its preset has
 
 
 def algorithms() -> list[str]:
@@ -38,9 +39,9 @@ def resolve(given: Plain) -> RunConfig:
     by_level = preset.pop("levels")
     given = spelled_out(given)
     check_sections(given)
-    for section in ("dqn", "ppo", "sil", "replay"):
+    has = ", ".join(name for name in OPTIONAL_SECTIONS if name in preset)
+    for section in OPTIONAL_SECTIONS:
         if section in given and section not in preset:
-            has = ", ".join(name for name in ("dqn", "ppo", "sil", "replay") if name in preset)
             raise ConfigError(f"algorithm {algorithm} has no section {section}: it has {has}")
     mix = given.setdefault("mix", {"easy": 1.0})
     hardest = max((level for level in mix if level in DIFFICULTIES), key=DIFFICULTIES.index, default="easy")

@@ -145,10 +145,10 @@ class Actor:
 
     def _stand_at(self, lease: Lease) -> NDArray[np.float32]:
         """Bring the world to where the lease goes on, unless it stands there; returns the trains' states [N, S]."""
-        before = lease.progressed
-        if before is not None and self._stands_at == (lease.episode, before.first_step):
-            return before.states.copy()
+        before, stands_at = lease.progressed, self._stands_at
         self._stands_at = None  # until all goes well
+        if before is not None and stands_at == (lease.episode, before.first_step):
+            return before.states.copy()
         level = self._levels.training(lease.level, lease.level_seed)
         if before is None:
             self._player.begin(level)

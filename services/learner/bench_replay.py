@@ -190,10 +190,8 @@ def fill(contender: Contender, items: Items, capacity: int, *, prioritized: bool
 
 
 def drawing(items: Items, capacity: int, *, prioritized: bool) -> Comparison:
-    """Batches from full rings; each rival has one row."""
-    name = f"{'prioritised sample+update' if prioritized else 'uniform sample'}, {capacity:,}"
+    """Batches from full rings."""
     priorities = np.random.default_rng(2).random((CALLS, BATCH))
-    contenders: dict[str, Contender] = {}
 
     def work(contender: Contender) -> None:
         for some in priorities:
@@ -201,35 +199,36 @@ def drawing(items: Items, capacity: int, *, prioritized: bool) -> Comparison:
             if prioritized:
                 contender.update(places, some)
 
-    def once(repeat: int) -> list[Sample]:
-        if repeat == 0:
-            for who, kind in {"": Ours, **RIVALS}.items():
-                contenders[who] = kind(capacity, prioritized=prioritized)
-                fill(contenders[who], items, capacity, prioritized=prioritized)
-        us = {who: timed(partial(work, one))[0] / CALLS * 1e6 for who, one in contenders.items()}
-        return [Sample(f"{name}, {rival}", "us/batch", us[""], us[rival]) for rival in RIVALS]
-
-    return Comparison(name, once)
+    name = f"{'prioritised sample+update' if prioritized else 'uniform sample'}, {capacity:,}"
+    return beside_rivals(name, "us/batch", items, capacity, work, prioritized=prioritized)
 
 
 def adding(items: Items, capacity: int) -> Comparison:
     """Episodes into full rings without priorities."""
-    contenders: dict[str, Contender] = {}
     episode = drawn(items, EPISODE, np.random.default_rng(3))
 
     def work(contender: Contender) -> None:
         for _ in range(CALLS):
             contender.add(episode)
 
+    return beside_rivals(f"add {EPISODE}, {capacity:,}", "us", items, capacity, work, prioritized=False)
+
+
+def beside_rivals(  # noqa: PLR0913  (what to do, with what, and what to call it)
+    name: str, unit: str, items: Items, capacity: int, work: Callable[[Contender], None], *, prioritized: bool
+) -> Comparison:
+    """`CALLS` calls' work on full rings, ours and each rival's; a rival has a row."""
+    contenders: dict[str, Contender] = {}
+
     def once(repeat: int) -> list[Sample]:
         if repeat == 0:
             for who, kind in {"": Ours, **RIVALS}.items():
-                contenders[who] = kind(capacity, prioritized=False)
-                fill(contenders[who], items, capacity, prioritized=False)
+                contenders[who] = kind(capacity, prioritized=prioritized)
+                fill(contenders[who], items, capacity, prioritized=prioritized)
         us = {who: timed(partial(work, one))[0] / CALLS * 1e6 for who, one in contenders.items()}
-        return [Sample(f"add {EPISODE}, {capacity:,}, {rival}", "us", us[""], us[rival]) for rival in RIVALS]
+        return [Sample(f"{name}, {rival}", unit, us[""], us[rival]) for rival in RIVALS]
 
-    return Comparison(f"add, {capacity:,}", once)
+    return Comparison(name, once)
 
 
 def memory(items: Items, capacity: int) -> Comparison:

@@ -81,3 +81,19 @@ class ExperienceReplay:
             raise ValueError(f"tensor {DRAWS} is missing: this state is of another rule")
         self._replay.restore({name: array for name, array in state.items() if name != DRAWS})
         self._draws = int(state[DRAWS])
+
+
+class WithReplay:
+    """A rule that keeps nothing but a replay, besides its network."""
+
+    def __init__(self, replay: ExperienceReplay) -> None:
+        self._replay = replay
+
+    def telling(self) -> dict[str, float]:
+        return self._replay.telling()
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        return self._replay.state()
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        self._replay.restore(state)

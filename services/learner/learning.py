@@ -71,6 +71,27 @@ class Trainer(Protocol):
         """
 
 
+def by_part(state: Mapping[str, NDArray[Any]], *parts: str) -> dict[str, dict[str, NDArray[Any]]]:
+    """A state whose names are `part/rest`, taken apart.
+
+    Raises:
+        ValueError: naming a tensor that belongs to no part.
+    """
+    found: dict[str, dict[str, NDArray[Any]]] = {part: {} for part in parts}
+    for name, array in state.items():
+        part, _, rest = name.partition("/")
+        if part not in found:
+            raise ValueError(f"tensor {name} is unknown here: this is the state of another kind of trainer")
+        found[part][rest] = array
+    return found
+
+
+def means(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """The mean of each metric over the updates that tell it."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: float(np.mean([row[name] for row in rows if name in row])) for name in names}
+
+
 def build_trainer(rule: str, learning: Learning) -> Trainer:
     """The trainer of an update rule.
 

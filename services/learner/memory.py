@@ -1,6 +1,5 @@
 """What a snapshot holds besides the trainer's state, as named arrays: all that the learner itself must not forget."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +24,7 @@ class Memory:
 
     older: dict[int, Tensors]
     settled: Tensors
-    opened: Sequence[Episode]
+    opened: list[Episode]
 
     def tensors(self) -> Tensors:
         """As named arrays."""

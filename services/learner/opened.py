@@ -8,30 +8,37 @@ import numpy as np
 from common.records import Episode, Progressed
 
 
-@dataclass
+@dataclass(frozen=True)
 class OpenEpisode:
-    """Sums over the fragments so far; nothing before the first."""
+    """The fragments so far, in order, and what they add up to."""
 
-    steps: int = 0
-    decisions: int = 0
-    reward: float = 0.0  # of all trains; their rewards are whole numbers, so that no sum rounds
-    acting_s: float = 0.0
-    waited_s: float = 0.0
-    weights_version: int = 0  # that the first fragment acted with
     fragments: list[Episode] = field(default_factory=list)
-    _digest: bytes = b""
 
-    def add(self, fragment: Episode) -> None:
-        """Count in the next fragment."""
-        self.steps += len(fragment.rewards)
-        self.decisions += len(fragment.actions)
-        self.reward += float(fragment.rewards.sum(dtype=np.float64))
-        self.acting_s += fragment.acting_s
-        self.waited_s += fragment.waited_s
-        if fragment.fragment == 0:
-            self.weights_version = fragment.weights_version
-        self.fragments.append(fragment)
-        self._digest = hashlib.blake2b(self._digest + bytes.fromhex(fragment.digest), digest_size=16).digest()
+    @property
+    def steps(self) -> int:
+        return sum(len(fragment.rewards) for fragment in self.fragments)
+
+    @property
+    def decisions(self) -> int:
+        return sum(len(fragment.actions) for fragment in self.fragments)
+
+    @property
+    def reward(self) -> float:
+        """Of all trains; their rewards are whole numbers, so that no sum rounds."""
+        return sum(float(fragment.rewards.sum(dtype=np.float64)) for fragment in self.fragments)
+
+    @property
+    def weights_version(self) -> int:
+        """That the first fragment acted with."""
+        return self.fragments[0].weights_version
+
+    @property
+    def acting_s(self) -> float:
+        return sum(fragment.acting_s for fragment in self.fragments)
+
+    @property
+    def waited_s(self) -> float:
+        return sum(fragment.waited_s for fragment in self.fragments)
 
     @property
     def progressed(self) -> Progressed | None:
@@ -45,4 +52,7 @@ class OpenEpisode:
     @property
     def digest(self) -> str:
         """Hash of the digests of all fragments so far, in order."""
-        return self._digest.hex()
+        digest = b""
+        for fragment in self.fragments:
+            digest = hashlib.blake2b(digest + bytes.fromhex(fragment.digest), digest_size=16).digest()
+        return digest.hex()

@@ -14,7 +14,7 @@ from common.config import PpoConfig
 from common.policy.actor_critic import build_actor_critic
 from common.records import Episode
 from services.learner.experience import Experience
-from services.learner.learning import Learning
+from services.learner.learning import Learning, by_part, means
 from services.learner.network.policies import PolicyNetwork
 from services.learner.network.sparse import sparse_rows
 from services.learner.replay.transitions import check_order
@@ -76,7 +76,7 @@ class PolicyTrainer:
         return {
             "updates": float(len(rows)),
             "transitions": float(len(episode.times)),
-            **_means(rows),
+            **means(rows),
             **self._rule.telling(),
         }
 
@@ -103,12 +103,7 @@ class PolicyTrainer:
         """
         if opened:
             raise ValueError(f"episode {opened[0].episode} is a fragment: a policy learns from whole ones")
-        parts: dict[str, dict[str, NDArray[Any]]] = {"learner": {}, "rule": {}}
-        for name, array in state.items():
-            part, _, rest = name.partition("/")
-            if part not in parts:
-                raise ValueError(f"tensor {name} is unknown here: this is not the state of a policy's trainer")
-            parts[part][rest] = array
+        parts = by_part(state, "learner", "rule")
         self._network.restore(parts["learner"])
         self._rule.restore(parts["rule"])
 
@@ -123,9 +118,3 @@ class PolicyTrainer:
             log_probability_tm1=torch.tensor(episode.log_probabilities),
             value_tm1=torch.tensor(episode.values),
         )
-
-
-def _means(rows: list[dict[str, float]]) -> dict[str, float]:
-    """The mean of each metric over the updates that tell it."""
-    names = dict.fromkeys(name for row in rows for name in row)
-    return {name: float(np.mean([row[name] for row in rows if name in row])) for name in names}

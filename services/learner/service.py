@@ -102,8 +102,7 @@ class Learner:
             raise Fatal(f"the newest snapshot does not fit this version: {error}: use the one that wrote it") from None
         self._weights = {version: Weights(version=version, tensors=older) for version, older in memory.older.items()}
         self._settled = memory.settled
-        for fragment in memory.opened:
-            self._open.add(fragment)
+        self._open = OpenEpisode(memory.opened)
 
     def run(self) -> None:
         """Serve until told to stop; then leave a snapshot that holds everything."""
@@ -261,7 +260,7 @@ class Learner:
         with self._telemetry.learning():
             told = self._trainer.train(episode)
         self._ledger.mark_trained()
-        self._open.add(episode)
+        self._open.fragments.append(episode)
         with self._telemetry.publishing():
             self._publish_weights()
         self._telemetry.note(told)

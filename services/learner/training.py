@@ -15,7 +15,7 @@ from torch import Tensor
 from common.config import DqnConfig, ReplayConfig
 from common.records import Episode
 from common.seeding import stream_key
-from services.learner.learning import Learning
+from services.learner.learning import Learning, by_part, means
 from services.learner.replay.replay import Replay, Sample
 from services.learner.replay.transitions import COLUMNS, ROWS, TransitionMaker
 
@@ -124,8 +124,12 @@ class ValueTrainer:
         self._replay.add(new[added:])
         self._counters["steps"] += steps
         self._counters["episodes"] += episode.over
-        means = {name: float(np.mean([row[name] for row in metrics])) for name in metrics[0]} if metrics else {}
-        return {"updates": float(len(metrics)), "transitions": float(len(new)), **self._replay.telling(), **means}
+        return {
+            "updates": float(len(metrics)),
+            "transitions": float(len(new)),
+            **self._replay.telling(),
+            **means(metrics),
+        }
 
     def weights(self) -> dict[str, NDArray[np.float32]]:
         """A copy of the network's parameters."""
@@ -149,12 +153,7 @@ class ValueTrainer:
         Raises:
             ValueError: naming the tensor that is missing, unknown or does not fit.
         """
-        parts: dict[str, dict[str, NDArray[Any]]] = {"algorithm": {}, "replay": {}, "trainer": {}}
-        for name, array in state.items():
-            part, _, rest = name.partition("/")
-            if part not in parts:
-                raise ValueError(f"tensor {name} is unknown here: this is not the state of a trainer")
-            parts[part][rest] = array
+        parts = by_part(state, "algorithm", "replay", "trainer")
         if different := sorted(set(parts["trainer"]) ^ set(COUNTERS)):
             raise ValueError(f"tensor trainer/{different[0]} is missing or unknown: wants {', '.join(COUNTERS)}")
         self._method.restore(parts["algorithm"])

@@ -13,11 +13,11 @@ the shortest: whoever ignores how long a transition takes chooses wrongly.
 
 import numpy as np
 import pytest
+from made_episodes import decided
 
 from common.config import DqnConfig, NetworkConfig, ReplayConfig
 from common.policy.compiled import Twin
 from common.policy.packing import Layout
-from common.records import Episode
 from common.seeding import stream_key
 from services.learner.learning import Learning, build_trainer
 
@@ -46,41 +46,26 @@ def act(number, twin, epsilon, *, greedy=False):
             if place[train] == ARRIVED or free_at[train] > step:
                 continue
             here = place[train]
-            action = choose(PLACES[here], step, train).action
-            decisions.append((step, train, action, here))
-            free_at[train] += STEPS[here][action]
-            place[train] = NEXT[here][action]
+            decision = choose(PLACES[here], step, train)
+            decisions.append((step, train, decision, PLACES[here]))
+            free_at[train] += STEPS[here][decision.action]
+            place[train] = NEXT[here][decision.action]
         step += 1
     return as_episode(number, step, decisions, free_at, place)
 
 
 def as_episode(number, steps, decisions, free_at, place):
-    times, trains, actions, places = np.array(decisions).T
+    """An episode of `decisions`: (step, train, what was decided, what it saw)."""
     arrived = np.array(place) == ARRIVED
-    return Episode(
-        episode=number,
-        fragment=0,
-        first_step=0,
-        over=True,
-        level="easy",
-        level_seed=1,
-        level_hash="0" * 32,
-        weights_version=number,
-        actor="a",
-        acting_s=0.0,
-        waited_s=0.0,
-        max_steps=steps,
-        observations=PLACES[places],
-        times=times.astype(np.int32),
-        trains=trains.astype(np.int32),
-        actions=actions.astype(np.int8),
-        log_probabilities=np.zeros(len(times), np.float32),
-        values=np.zeros(len(times), np.float32),
-        rewards=-(np.arange(steps)[:, None] < np.array(free_at)).astype(np.float32),
-        arrived_at=np.where(arrived, np.array(free_at) - 1, -1).astype(np.int32),
-        final_observations=np.where(arrived[:, None], np.float32(0), PLACES[place]),
-        states=np.zeros((len(place), 0), np.float32),
+    episode = decided(
+        number,
+        [(step, train, decision.action, seen) for step, train, decision, seen in decisions],
+        -(np.arange(steps)[:, None] < np.array(free_at)).astype(np.float32),
+        np.where(arrived, np.array(free_at) - 1, -1),
+        np.where(arrived[:, None], np.float32(0), PLACES[place]),
     )
+    told = np.array([decision for _, _, decision, _ in decisions], np.float32).T.copy()
+    return episode.model_copy(update={"log_probabilities": told[1], "values": told[2]})
 
 
 METHODS = {
@@ -136,14 +121,11 @@ def act_by_memory(number, twin, epsilon, *, greedy=False):
     """One train sees a cue, then a fork that looks the same whatever the cue was, and is led astray if it forgot."""
     choose = twin.in_episode(epsilon, stream_key(2, number, "explore"), twin.zero_state(1), greedy=greedy)
     seen = [CUES[number % 2], FORK]
-    actions = [choose(observation, step, 0).action for step, observation in enumerate(seen)]
-    steps = 2 if actions[1] == number % 2 else 8
+    decisions = [(step, 0, choose(observation, step, 0), observation) for step, observation in enumerate(seen)]
+    steps = 2 if decisions[1][2].action == number % 2 else 8
     if steps == 8:
-        seen.append(ASTRAY)
-        actions.append(choose(ASTRAY, 2, 0).action)
-    decisions = [(step, 0, action, 0) for step, action in enumerate(actions)]
-    episode = as_episode(number, steps, decisions, [steps], [ARRIVED])
-    return episode.model_copy(update={"observations": np.array(seen)})
+        decisions.append((2, 0, choose(ASTRAY, 2, 0), ASTRAY))
+    return as_episode(number, steps, decisions, [steps], [ARRIVED])
 
 
 def test_a_recurrent_network_remembers_what_it_saw_before():

@@ -8,43 +8,29 @@ actor what it already does, only what it has unlearned.
 What the text leaves open: there is no update until the replay holds a batch.
 """
 
-from collections.abc import Mapping
-from typing import Any
-
-from numpy.typing import NDArray
-
 from common.config import PpoConfig
 from services.learner.algorithms.ppo import Ppo
-from services.learner.experience import Experience, ExperienceReplay
+from services.learner.experience import Experience, ExperienceReplay, WithReplay
 from services.learner.learning import Learning, Trainer
 from services.learner.network.policies import PolicyNetwork
 from services.learner.network.sparse import sparse_rows
 from services.learner.policy_training import PolicyTrainer, build_network
 
 
-class FromReplay:
+class FromReplay(WithReplay):
     """Every epoch is an update on a batch from the replay."""
 
     def __init__(self, config: PpoConfig, batch_size: int, network: PolicyNetwork, replay: ExperienceReplay) -> None:
+        super().__init__(replay)
         self._epochs = config.epochs
         self._batch_size = batch_size
         self._ppo = Ppo(config, network)
-        self._replay = replay
 
     def learn(self, new: Experience) -> list[dict[str, float]]:
         self._replay.add(new)
         if len(self._replay) < self._batch_size:
             return []
         return [self._update() for _ in range(self._epochs)]
-
-    def telling(self) -> dict[str, float]:
-        return self._replay.telling()
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        return self._replay.state()
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        self._replay.restore(state)
 
     def _update(self) -> dict[str, float]:
         batch, _ = self._replay.sample(self._batch_size)

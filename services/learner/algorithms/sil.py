@@ -17,16 +17,13 @@ What the text leaves open:
   Adam. Gradients are clipped as there.
 """
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
 from common.config import SilConfig
 from services.learner.algorithms.ppo import WholeEpisodes, check_finite, log_probability
-from services.learner.experience import Experience, ExperienceReplay
+from services.learner.experience import Experience, ExperienceReplay, WithReplay
 from services.learner.learning import Learning, Trainer
 from services.learner.network.policies import PolicyNetwork
 from services.learner.network.sparse import SparseRows, sparse_rows
@@ -101,14 +98,14 @@ class Sil:
         return metrics, gain
 
 
-class SelfImitation:
+class SelfImitation(WithReplay):
     """`ppo`'s epochs on the whole episode, then epochs on prioritised batches of all episodes."""
 
     def __init__(self, config: SilConfig, on_policy: WholeEpisodes, sil: Sil, replay: ExperienceReplay) -> None:
+        super().__init__(replay)
         self._config = config
         self._on_policy = on_policy
         self._sil = sil
-        self._replay = replay
 
     def learn(self, new: Experience) -> list[dict[str, float]]:
         rows = self._on_policy.learn(new)
@@ -116,15 +113,6 @@ class SelfImitation:
         if len(self._replay) < self._config.batch_size:
             return rows
         return rows + [self._imitate() for _ in range(self._config.epochs)]
-
-    def telling(self) -> dict[str, float]:
-        return self._replay.telling()
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        return self._replay.state()
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        self._replay.restore(state)
 
     def _imitate(self) -> dict[str, float]:
         batch, places = self._replay.sample(self._config.batch_size)

@@ -1,5 +1,9 @@
 """Episodes for tests of the learner: made up at random, by hand, and cut into fragments."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 
 from common.records import Episode
@@ -82,3 +86,16 @@ def cut(episode, places):
         }
         fragments.append(Episode.model_validate(dict(episode) | changed))
     return fragments
+
+
+def printed_by_fresh_processes(program, offsets):
+    """What a test file prints as a program, once for each misalignment of its arrays."""
+    environment = os.environ | {"MKL_CBWR": "AUTO,STRICT", "OMP_NUM_THREADS": "1"}
+    results = [
+        subprocess.run(
+            [sys.executable, program, str(offset)], env=environment, capture_output=True, text=True, check=False
+        )
+        for offset in offsets
+    ]
+    assert not any(result.returncode for result in results), results
+    return [result.stdout for result in results]

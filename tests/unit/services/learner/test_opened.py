@@ -8,13 +8,6 @@ from made_episodes import STEPS, cut, make_episode
 from services.learner.opened import OpenEpisode
 
 
-def opened(fragments):
-    result = OpenEpisode()
-    for fragment in fragments:
-        result.add(fragment)
-    return result
-
-
 def test_nothing_has_progressed_before_the_first_fragment():
     assert OpenEpisode().progressed is None
     assert (OpenEpisode().steps, OpenEpisode().decisions, OpenEpisode().reward) == (0, 0, 0.0)
@@ -26,7 +19,7 @@ def test_its_sums_do_not_depend_on_the_cut(number, cuts):
     whole = make_episode(number)
     fragments = cut(whole, sorted(cuts))
     assert len(fragments) == len(cuts) + 1
-    one, many = opened([whole]), opened(fragments)
+    one, many = OpenEpisode([whole]), OpenEpisode(fragments)
     assert (many.steps, many.decisions, many.reward) == (one.steps, one.decisions, one.reward)
     assert many.steps == STEPS
     assert many.weights_version == fragments[0].weights_version
@@ -35,7 +28,7 @@ def test_its_sums_do_not_depend_on_the_cut(number, cuts):
 
 def test_any_actor_can_go_on_where_it_stands():
     first, second, _ = cut(make_episode(1), [7, 20])
-    progressed = opened([first, second]).progressed
+    progressed = OpenEpisode([first, second]).progressed
     assert (progressed.fragment, progressed.first_step) == (2, 20)
     np.testing.assert_array_equal(progressed.actions, np.concatenate([first.actions, second.actions]))
     np.testing.assert_array_equal(progressed.states, second.states)
@@ -43,6 +36,6 @@ def test_any_actor_can_go_on_where_it_stands():
 
 def test_the_digest_tells_fragments_and_their_order():
     first, second, third = cut(make_episode(1), [7, 20])
-    digests = {opened(part).digest for part in ([first], [first, second], [second, first], [first, second, third])}
+    digests = {OpenEpisode(part).digest for part in ([first], [first, second], [second, first], [first, second, third])}
     assert len(digests) == 4
-    assert opened([first, second]).digest == opened([first.model_copy(update={"actor": "b"}), second]).digest
+    assert OpenEpisode([first, second]).digest == OpenEpisode([first.model_copy(update={"actor": "b"}), second]).digest

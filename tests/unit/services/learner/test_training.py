@@ -5,15 +5,13 @@ Run as a program it trains briefly on arrays at a given misalignment and prints 
 
 import dataclasses
 import hashlib
-import os
-import subprocess
 import sys
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_episodes import STEPS, at_offset, cut, decided, make_episode
+from made_episodes import STEPS, at_offset, cut, decided, make_episode, printed_by_fresh_processes
 
 from common.config import DqnConfig, NetworkConfig, ReplayConfig
 from services.learner.learning import Learning, build_trainer
@@ -222,20 +220,9 @@ def test_a_state_that_does_not_fit_is_refused(change, message):
 
 
 def test_fresh_processes_agree_to_the_bit_at_any_alignment():
-    environment = os.environ | {"MKL_CBWR": "AUTO,STRICT", "OMP_NUM_THREADS": "1"}
-    results = [
-        subprocess.run(
-            [sys.executable, __file__, str(offset)],
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        for offset in (4, 13)
-    ]
-    assert not any(result.returncode for result in results), results
-    assert len({result.stdout for result in results}) == 1
-    assert len(results[0].stdout.strip()) == 2 * 64
+    printed = printed_by_fresh_processes(__file__, (4, 13))
+    assert len(set(printed)) == 1
+    assert len(printed[0].strip()) == 2 * 64
 
 
 def train_briefly(variant, offset):
