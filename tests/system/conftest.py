@@ -13,7 +13,10 @@ import pytest
 
 from common.folder import RunFolder
 from common.locks import living
+from common.records import LearnerCommand
+from common.wire import keys
 from deploy.follow import wait_until
+from deploy.runs import reach
 
 RAILCTL = Path(sys.executable).with_name("railctl")
 PATIENCE_S = 120.0
@@ -66,6 +69,17 @@ class Clusters:
 
     def status(self, name: str) -> dict:
         return json.loads(self.railctl("status", name, "--json").stdout)
+
+    def pause(self, name: str) -> None:
+        """Hold a run as `railctl pause` does, but at once: starting a command takes as long as the rest of the run."""
+        with reach(self.folder(name)) as bus:
+            assert bus.ask(keys.COMMAND_LEARNER, LearnerCommand(verb="pause"), PATIENCE_S).done
+
+    def goes_on_paused(self, name: str) -> None:
+        """Take up a run that was paused, and let it run to its end."""
+        self.railctl("up", "--name", name, "--detach")
+        assert wait_until(lambda: self.status(name)["state"] == "paused", PATIENCE_S)  # its learner is there
+        self.railctl("resume", name)
 
     def kill(self, name: str, process: str, number: signal.Signals = signal.SIGKILL) -> None:
         os.kill(living(self.folder(name))[process], number)
@@ -146,7 +160,9 @@ def tail(clusters: Clusters) -> Iterator[Callable[[str], Tail]]:
 @pytest.fixture(scope="session")
 def undisturbed(clusters: Clusters) -> list[dict]:
     """The curve of the small run with one actor and nothing killed."""
-    clusters.up("undisturbed")
+    output = clusters.up("undisturbed").stdout
+    assert "Summary" in output
+    assert clusters.folder("undisturbed").curve_file.exists()
     curve = clusters.curve("undisturbed")
     assert len(curve) == EPISODES + 2
     assert len({row["digest"] for row in curve[:EPISODES]}) == EPISODES

@@ -12,7 +12,8 @@ def test_pause_scale_resume_checkpoint_down_up(clusters, undisturbed, tail):
     clusters.up("handled", "--detach")
     rows = tail("handled")
     rows.until(2)
-    clusters.railctl("pause", "handled")
+    clusters.pause("handled")
+    assert "paused after" in clusters.railctl("pause", "handled").stdout
     status = clusters.status("handled")
     assert status["state"] == "paused"
     done = status["progress"]["done"]
@@ -22,16 +23,16 @@ def test_pause_scale_resume_checkpoint_down_up(clusters, undisturbed, tail):
     assert wait_until(lambda: "actor-easy-2" not in living(clusters.folder("handled")), 30)
     assert clusters.status("handled")["progress"]["done"] <= done + 1  # at most the one that was being trained
     assert json.loads(clusters.railctl("resume", "handled", "--json").stdout)["done"]
-    rows.until(5)
+    rows.until(done + 2)
+    clusters.pause("handled")
     clusters.railctl("checkpoint", "handled")
     clusters.railctl("down", "handled")
     assert living(clusters.folder("handled")) == {}
     status = clusters.status("handled")
     assert status["state"] == "stopped"
-    assert status["progress"]["snapshot"] == status["progress"]["done"] >= 5  # nothing was lost
-    output = clusters.railctl("up", "--name", "handled").stdout
-    assert "Summary" in output
-    assert clusters.folder("handled").curve_file.exists()
+    assert status["progress"]["snapshot"] == status["progress"]["done"] >= done + 2  # nothing was lost
+    clusters.goes_on_paused("handled")
+    tail("handled").rest()
     ours = [row for row in clusters.curve("handled") if "digest" in row or row["episode"] in (20, 40)]
     assert ours == undisturbed
 
@@ -41,16 +42,14 @@ def test_ctrl_c_stops_cleanly_and_a_second_run_goes_on(clusters, undisturbed, ta
     assert wait_until(clusters.folder("interrupted").episodes_file.exists, 60)
     rows = tail("interrupted")
     rows.until(2)
-    clusters.railctl("pause", "interrupted")  # or it may be over before it is interrupted
+    clusters.pause("interrupted")  # or it may be over before it is interrupted
     foreground.send_signal(signal.SIGINT)
     output, errors = foreground.communicate(timeout=60)
     assert foreground.returncode == 0, errors
     assert "stopping cleanly" in output
     assert "railctl up --name interrupted goes on" in output
     assert living(clusters.folder("interrupted")) == {}
-    clusters.railctl("up", "--name", "interrupted", "--detach")
-    assert wait_until(lambda: clusters.status("interrupted")["state"] == "paused", 60)  # the learner is there
-    clusters.railctl("resume", "interrupted")
+    clusters.goes_on_paused("interrupted")
     tail("interrupted").rest()
     assert clusters.curve("interrupted") == undisturbed
 
@@ -58,7 +57,7 @@ def test_ctrl_c_stops_cleanly_and_a_second_run_goes_on(clusters, undisturbed, ta
 def test_a_second_up_attaches_and_another_configuration_is_refused(clusters, tail):
     clusters.up("twice", "--detach")
     tail("twice").until(1)
-    clusters.railctl("pause", "twice")
+    clusters.pause("twice")
     before = living(clusters.folder("twice"))
     assert "is running already" in clusters.up("twice", "--detach").stdout
     assert living(clusters.folder("twice"))["supervisor"] == before["supervisor"]
@@ -73,7 +72,7 @@ def test_a_damaged_snapshot_ends_the_run_with_its_name(clusters, tail):
     clusters.up("damaged", "--detach")
     rows = tail("damaged")
     rows.until(5)
-    clusters.railctl("pause", "damaged")
+    clusters.pause("damaged")
     newest = max(clusters.folder("damaged").snapshots.glob("*.safetensors"))
     content = bytearray(newest.read_bytes())
     content[-1] ^= 1

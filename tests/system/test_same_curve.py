@@ -39,11 +39,12 @@ def test_killing_everything_one_after_another_changes_nothing(clusters, undistur
     for episodes, process in KILLED_AFTER.items():
         rows.until(episodes)
         clusters.kill("killed", process)
+    clusters.pause("killed")  # or it may be over before anybody looks
     assert wait_until(lambda: not supervised(clusters.folder("killed")), 10)
     assert clusters.status("killed")["state"] == "unsupervised"
     survivors = living(clusters.folder("killed"))
     assert survivors  # they worked on without their supervisor
-    clusters.railctl("up", "--name", "killed")
+    clusters.goes_on_paused("killed")
     rows.rest()
     assert clusters.curve("killed") == undisturbed
     assert rows.episodes == list(range(EPISODES))
