@@ -114,8 +114,8 @@ def paired_test(x: Floats, y: Floats, *, permutations: int = 10_000) -> PairedTe
 
     "The Design of Experiments", Fisher (1935). If x and y do not differ, each difference is as probable with the other
     sign. Flips are all that there are, if these are no more than `permutations`; else so many are drawn, and p is
-    (b + 1) / (n + 1) (Phipson & Smyth 2010). For p the runs of a seed on several levels are taken to be independent; the
-    interval does not, it draws whole seeds.
+    (b + 1) / (n + 1) (Phipson & Smyth 2010). For p, runs of a seed on several levels are taken to be independent; the
+    interval does not, as it draws whole seeds.
 
     Raises:
         ValueError: they are not of the same seeds and levels, or no scores.
