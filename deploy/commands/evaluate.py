@@ -8,7 +8,7 @@ import typer
 from common.config import ConfigError
 from common.levels.bank import bank_root
 from deploy.commands.levels.options import known, option
-from deploy.output import AsJson, console, one_line_errors, say
+from deploy.output import AsJson, console, counted, one_line_errors, say
 from deploy.runs import find_checkpoint, runs_root
 from deploy.show import score_table
 from deploy.task import run_task
@@ -59,7 +59,7 @@ def evaluate(
         *option("--draws", draws),
         *option("--bank", bank_root(runs_root())),
     )
-    trained = f"{result['algorithm']} after {result['episode']} episodes, {result['mode']}"
+    trained = f"{result['algorithm']} after {counted(result['episode'], 'episode')}, {result['mode']}"
     say(f"{result['checkpoint']}: {trained}", result, as_json=as_json)
     if not as_json:
         console.print(score_table(result["rows"]))

@@ -460,6 +460,16 @@ def test_a_command_to_the_learner(cluster, verb):
     assert [request.verb for request in cluster] == [verb, verb]
 
 
+def test_a_checkpoint_is_named_as_the_user_names_its_run(cluster, root, monkeypatch):
+    """The learner was started with an absolute path."""
+    answer = CommandAnswer(done=True, text=f"wrote {root.resolve()}/one/file")
+    monkeypatch.setattr("common.bus.Bus.ask", lambda *_: answer)
+    monkeypatch.setenv("RAILCTL_RUNS", "runs")
+    assert output("checkpoint", "one") == "wrote runs/one/file\n"
+    monkeypatch.chdir(root / "one")
+    assert json.loads(output("checkpoint", ".", "--json"))["text"] == "wrote ./file"
+
+
 def test_scaling(cluster):
     assert output("scale", "one", "easy=3", "any=1") == "done so\n"
     assert cluster[0].actors == {"easy": 3, "any": 1}
