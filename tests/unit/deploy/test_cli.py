@@ -183,7 +183,7 @@ def test_runs_that_cannot_be_written_are_a_failure(root, monkeypatch):
     ("arguments", "text"),
     [
         (["--episodes", "20"], "run one exists with episodes 10, not 20: leave the option out "),
-        (["--level", "hard", "--actors", "hard=1"], "run one exists with mix.easy 1.0, not None"),
+        (["--level", "hard"], "run one exists with level easy, not level hard"),
         (["--cores", "0"], "cluster.cores: input should be greater than or equal to 1, not 0"),
     ],
 )
