@@ -288,6 +288,14 @@ def test_up_on_a_finished_run_only_tells_how_it_ended(root):
     assert lines[-1] == f"run      {folder.path}"
 
 
+def test_a_full_disk_is_a_line(root, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("deploy.commands.up.prepare", full)
+    assert complaint(FAILED, "up") == "No space left on device: make room on the disk, then run it again"
+
+
 # Runs that are not there
 
 
