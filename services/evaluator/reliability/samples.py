@@ -53,13 +53,12 @@ class CurveSamples:
         def by_zone(values: Floats) -> dict[str, Floats]:
             return penalties_by_zone(values, "DR", zones, switches)
 
-        self._bootstrapped = by_zone(bootstrapped_curves(points, ranges, dispersion_of_runs, draws))
+        self._bootstrapped = by_zone(bootstrapped_curves(points, ranges, dispersion_of_runs, draws.choices(1)[:, 0]))
         if switches.dr_center:
             points = points - points.mean(2, keepdims=True)
-        algorithms, levels = points.shape[:2]
-        shuffles = draws.shuffles_of_curves(levels)
+        shuffles = draws.shuffles(1)[:, 0]
         self._permuted = []
-        for pair in pairs_of(algorithms):
+        for pair in pairs_of(len(points)):
             theirs = None if ranges is None else ranges[list(pair)]
             self._permuted.append(by_zone(permuted_curves(points[list(pair)], theirs, dispersion_of_runs, shuffles)))
 
