@@ -126,11 +126,12 @@ def _at_points(curve: Floats, curves: Curves) -> Floats:
 
 
 def _risk_curve(curves: Curves, switches: Switches) -> Floats:
-    curve = {
-        "eval_points": lambda: curves.means,
-        "moving_average": lambda: moving_average(curves.returns, curves.block),
-        "episodes": lambda: curves.returns,
-    }[switches.risk_curve]()
+    if switches.risk_curve == "eval_points":
+        curve = curves.means
+    elif switches.risk_curve == "moving_average":
+        curve = moving_average(curves.returns, curves.block)
+    else:
+        curve = curves.returns
     return _normalised(curve, curves, switches)
 
 

@@ -1,11 +1,11 @@
 """Mean ranks of resampled runs: bootstraps for intervals, permutations for p-values.
 
-"An Introduction to the Bootstrap", Efron & Tibshirani (1993), as Chan et al. (2020) apply it. Metrics of single runs are
-computed once and their values resampled. Those over all runs are computed anew for every sample of curves. Sums of ranks
-are multiples of a half, so they are exact in whatever order they are taken.
+"An Introduction to the Bootstrap", Efron & Tibshirani (1993), as Chan et al. (2020) apply it. Metrics of single runs
+are computed once and their values resampled. Those over all runs are computed anew for every sample of curves. Sums of
+ranks are multiples of a half, so they are exact in whatever order they are taken.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from itertools import combinations
 
 import numpy as np
@@ -63,7 +63,7 @@ def bootstrapped_curves(points: Floats, ranges: Floats | None, spread: Spread, c
 
 
 def permuted_curves(points: Floats, ranges: Floats | None, spread: Spread, shuffles: Ints) -> Floats:
-    """Values of two algorithms [n, 2, K, P] whose curves [2, K, R, P] are dealt out anew, in orders [n, 2R]; likewise."""
+    """Values of two algorithms [n, 2, K, P] whose curves [2, K, R, P] are dealt out anew, in orders [n, 2R]."""
     _, levels, runs, n_points = points.shape
     both = points.swapaxes(0, 1).reshape(levels, 2 * runs, n_points)
     theirs = None if ranges is None else ranges.swapaxes(0, 1).reshape(levels, 2 * runs)
@@ -76,7 +76,7 @@ def permuted_curves(points: Floats, ranges: Floats | None, spread: Spread, shuff
 
 
 def bootstrapped_rank(worse: Floats, samples: Floats) -> Floats:
-    """Mean rank of each algorithm [A, n] if its own penalty alone is a sample: of penalties [A, K], samples [n, A, K]."""
+    """Mean rank of each algorithm [A, n] if its penalty alone is a sample: of penalties [A, K], samples [n, A, K]."""
     return np.array(
         [
             rank_among(samples[:, algorithm], np.delete(worse, algorithm, axis=0)).mean(1)
