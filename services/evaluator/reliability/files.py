@@ -1,7 +1,7 @@
 """Curves in an .npz file: a project's own or other people's.
 
-Arrays: `returns` (floats) [A, K, R, N], or in their place `returns_int` (integers) and `scale`, whose quotient they are;
-`block` (episodes an evaluation point) and `n_zones`; names `algorithms` [A] and `levels` [K], or none.
+Arrays: `returns` (floats) [A, K, R, N], or in their place `returns_int` (integers) and `scale`, whose quotient they
+are; `block` (episodes an evaluation point) and `n_zones`; names `algorithms` [A] and `levels` [K], or none.
 """
 
 from collections.abc import Mapping
