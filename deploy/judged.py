@@ -17,10 +17,11 @@ CAPTION = (
 )
 
 
-def judged_tables(document: Mapping[str, Any]) -> Iterator[Table | str]:
-    """A table a metric, and what may change the order of the algorithms."""
+def judged_parts(document: Mapping[str, Any]) -> Iterator[Table | str]:
+    """A title and a table a metric, and what may change the order of the algorithms."""
     for key, title in TITLES.items():
-        table = Table(box=None, pad_edge=False, title=title, title_justify="left", title_style="bold")
+        yield title
+        table = Table(box=None, pad_edge=False)
         for name in ("episodes", "#", "algorithm", "score", "low", "high", "differs from"):
             table.add_column(name, justify="right" if name in {"score", "low", "high"} else "left", no_wrap=True)
         for zone in document["metrics"][key]["stats"]["all"].values():
@@ -55,7 +56,7 @@ def _differs(index: int, significant: Mapping[str, Sequence[Sequence[int]]]) -> 
         " ".join(str(sum(pair) - index + 1) for pair in significant[rule] if index in pair)
         for rule in ("textbook_by_0.05", "by_0.01")
     )
-    return f"{textbook} ({tool})" if textbook or tool else ""
+    return f"{textbook or '-'} ({tool or '-'})" if textbook or tool else ""
 
 
 def _episodes(points: Sequence[int] | None, block: int) -> str:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from common.config import ConfigError, nearest
-from deploy.judged import TITLES, judged_tables
+from deploy.judged import TITLES, judged_parts
 from deploy.output import AsJson, console, one_line_errors, say
 from deploy.task import run_task
 
@@ -50,11 +50,9 @@ def report_curves(curves: Path, random_protocol: str, switches: list[str], *, as
         *(f"--switch={switch}" for switch in switches),
         *([] if as_json else [f"--key={key}" for key in TITLES]),
     )
-    algorithms, levels, runs, episodes = (
-        document["shape"][name] for name in ("algorithms", "tasks", "runs", "episodes")
-    )
-    text = f"{curves}: {algorithms} algorithms, {levels} levels, {runs} runs each of {episodes} episodes\n"
-    say(text, document, as_json=as_json)
+    shape = document["shape"]
+    sizes = " x ".join(f"{shape[name]} {name}" for name in ("algorithms", "tasks", "runs", "episodes"))
+    say(f"{curves}: {', '.join([sizes.replace('tasks', 'levels'), *switches])}\n", document, as_json=as_json)
     if not as_json:
-        for part in judged_tables(document):
+        for part in judged_parts(document):
             console.print(part, markup=False, soft_wrap=isinstance(part, str))

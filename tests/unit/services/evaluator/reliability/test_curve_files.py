@@ -94,7 +94,7 @@ def test_integers_are_checked_too(tmp_path, changed, complaint):
 
 def test_what_is_no_file_of_curves(tmp_path):
     (tmp_path / "text.npz").write_text("curves")
-    with pytest.raises(CurvesError, match="is no readable .npz file of arrays"):
+    with pytest.raises(CurvesError, match=r"is no readable \.npz file of arrays"):
         load(tmp_path / "text.npz")
     with pytest.raises(CurvesError, match="no such file"):
         load(tmp_path / "none.npz")
