@@ -89,7 +89,7 @@ def permuted_difference(worse: Floats, pair: tuple[int, int], samples: Floats) -
     """Differences of mean rank [n] when a pair's penalties are samples [n, 2, K]; the others' [A, K] stay."""
     others = np.delete(worse, pair, axis=0)
     first, second = samples[:, 0], samples[:, 1]
-    unknown = np.isnan(first + second)
+    unknown = np.isnan(first) | np.isnan(second)
     ranks = [
         np.where(unknown, np.nan, rank_among(one, others) + (other < one) + (other == one) / 2).mean(1)
         for one, other in ((first, second), (second, first))

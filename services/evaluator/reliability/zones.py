@@ -10,8 +10,6 @@ from services.evaluator.reliability.measures import METRICS
 from services.evaluator.reliability.ranks import penalties
 from services.evaluator.reliability.switches import Switches
 
-WHOLE = "whole"  # the only zone of metrics without evaluation points
-
 Zones = dict[str, list[int] | None]  # the points of each, by index
 
 
@@ -35,7 +33,7 @@ def zones_of(curves: Curves, metric: str, switches: Switches) -> Zones:
     """zone0, zone1, ..., or the whole training."""
     points = evaluation_points(curves, metric, switches)
     if points is None:
-        return {WHOLE: None}
+        return {"whole": None}
     return {f"zone{zone}": chosen for zone, chosen in enumerate(zone_points(points, curves.zones))}
 
 
