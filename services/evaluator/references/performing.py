@@ -30,7 +30,7 @@ def policy_of(world: CompiledWorld, begin: Begin) -> Policy:
 
 
 def perform(world: CompiledWorld, level: Level, act: Act) -> Recording:
-    """Play the episode that was loaded into slot 0; what it records as decisions are all actions of trains under way."""
+    """Play the episode in slot 0 from its start; all actions of trains that have not arrived count as decisions."""
     n_trains = level.n_trains
     told = np.full((level.max_steps, n_trains), DO_NOTHING, np.int8)
     under_way = np.zeros((level.max_steps, n_trains), np.bool_)

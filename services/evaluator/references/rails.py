@@ -1,17 +1,21 @@
-"""Which ways out of a cell a train can take, by which action, and which of them is the shortest to its target."""
+"""Which ways out of a cell a train can take, by which action, and which of them is the shortest to its target.
+
+Arrays are those of a slot of `common.rail.compiled.arrays.Batch`.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
-from common.rail.compiled.arrays import NOTHING, SINGLE, UNREACHED, WAYS, Batch
+from common.kernel import bare_kernel
+from common.rail.compiled.arrays import NOTHING, SINGLE, UNREACHED
 from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT
 
 
 @bare_kernel
 def can_leave(codes: NDArray[np.int32], here: int, way: int) -> bool:
     """Whether some action takes a train out of a configuration this way: none turns it round, but in a dead end."""
-    return codes[here] >> way & 1 != 0 and (codes[here] & SINGLE != 0 or way != (here + 2) & 3)
+    is_open = codes[here] >> way & 1 != 0
+    return bool(is_open and (codes[here] & SINGLE != 0 or way != (here + 2) & 3))
 
 
 @bare_kernel
@@ -24,9 +28,9 @@ def action_out(codes: NDArray[np.int32], here: int, way: int) -> int:
 
 @bare_kernel
 def any_way(codes: NDArray[np.int32], here: int) -> int:
-    """The lowest way out; every configuration that a train starts from has one."""
+    """The lowest way out; wherever a train can start there is one."""
     way = 0
-    while not codes[here] >> way & WAYS & 1:
+    while not can_leave(codes, here, way):
         way += 1
     return way
 
@@ -38,7 +42,7 @@ def shortest_way(
     """The way out that leads to the target soonest, NOTHING if there is none.
 
     Args:
-        codes: [4C], see `common.rail.compiled.arrays`, as all of these.
+        codes: [4C].
         leads: [4C].
         distance: [4C], steps to the train's target.
         here: a configuration.
@@ -52,26 +56,3 @@ def shortest_way(
             if beyond < least:
                 best, least = way, beyond
     return best
-
-
-@kernel
-def routes(batch: Batch) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The shortest paths of all trains of slot 0, from where they start to their targets.
-
-    Returns:
-        [N, L]: configurations, unused places NOTHING; [N]: how many, 0 if there is no path.
-    """
-    trains = batch.trains[0][: batch.worlds[0]["trains"]]
-    codes, leads, distances = batch.codes[0], batch.leads[0], batch.distances[0]
-    lengths = np.zeros(len(trains), np.int32)
-    for at in range(len(trains)):
-        distance = distances[at, trains[at]["start"]]
-        lengths[at] = 0 if distance == UNREACHED else distance + 1
-    found = np.full((len(trains), max(1, lengths.max())), NOTHING, np.int32)
-    for at in range(len(trains)):
-        here = int(trains[at]["start"])
-        for place in range(lengths[at]):
-            found[at, place] = here
-            if place + 1 < lengths[at]:
-                here = int(leads[(here & ~3) + shortest_way(codes, leads, distances[at], here, 0)])
-    return found, lengths

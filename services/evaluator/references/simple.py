@@ -21,7 +21,7 @@ from services.evaluator.runner import Policy
 _ONE = np.uint64(1)
 
 
-def at_random(parts: Parts, seed: int, index: int) -> Act:
+def at_random(seed: int, index: int, parts: Parts) -> Act:
     """Any action where a train decides, as a network explores with epsilon 1; the draws are those of (seed, index)."""
     key = np.uint64(stream_key(seed, index, "evaluation-random"))
     actions = np.empty(parts.batch.worlds[0]["trains"], np.int8)
@@ -43,8 +43,8 @@ def draw(deciding: NDArray[np.bool_], key: np.uint64, step: int, actions: NDArra
             actions[train] = int(uniform(key, counter + _ONE) * N_ACTIONS)
 
 
-def shortest_path(parts: Parts) -> Act:
-    """Onward on the shortest path from wherever a train is, without ever waiting for another."""
+def shortest_path(_index: int, parts: Parts) -> Act:
+    """Onward on the shortest path from wherever a train is, never waiting; of equally short ways the leftmost."""
     actions = np.empty(parts.batch.worlds[0]["trains"], np.int8)
 
     def act(_step: int) -> NDArray[np.int8]:
