@@ -8,9 +8,9 @@ import typer
 from common.config import ConfigError
 from common.levels.bank import bank_root
 from deploy.commands.levels.options import known, option
-from deploy.commands.references import REFERENCE_SCORER, REFERENCES, check_reference, heading
+from deploy.commands.references import REFERENCE_SCORER, REFERENCES, check_reference, found_checkpoint, heading
 from deploy.output import AsJson, console, one_line_errors, say
-from deploy.runs import find_checkpoint, runs_root
+from deploy.runs import runs_root
 from deploy.show import score_table
 from deploy.task import run_task
 
@@ -65,7 +65,7 @@ def evaluate(
     _check(levels, episodes, seed, draws=sample or is_reference)
     names = level if levels else [known(name) for name in level or []]
     result = run_task(
-        *([REFERENCE_SCORER, checkpoint] if is_reference else [SCORER, str(find_checkpoint(checkpoint))]),
+        *([REFERENCE_SCORER, checkpoint] if is_reference else [SCORER, str(found_checkpoint(checkpoint))]),
         *(part for name in dict.fromkeys(names or []) for part in ("--level", name)),
         *option("--levels", levels),
         *option("--episodes", episodes or EPISODES),
@@ -78,7 +78,7 @@ def evaluate(
     if not as_json:
         console.print(score_table(result["rows"]))
         console.print("return: normalised, mean over levels; low, high: its 95% interval (bootstrap)")
-        if seed and levels is None:
+        if seed and levels is None and not is_reference:
             console.print(f"training may know rails of the levels of seed {seed}; those of seed 0 it never sees")
 
 

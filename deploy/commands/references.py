@@ -1,14 +1,26 @@
 """What `railctl evaluate` does when it is given the name of a reference policy instead of a checkpoint."""
 
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, get_args
 
 from common.config import ConfigError
 from common.study import Reference
+from deploy.runs import find_checkpoint
 
 REFERENCE_SCORER = "services.evaluator.references"
 REFERENCES: tuple[str, ...] = get_args(Reference)
 DRAWING = ("random", "planner")
+
+
+def found_checkpoint(name: str) -> Path:
+    """`find_checkpoint`, which in its complaint thinks of the policies, too."""
+    try:
+        return find_checkpoint(name)
+    except ConfigError as error:
+        close = get_close_matches(name, REFERENCES, n=1)
+        hint = f"; did you mean the policy {close[0]}?" if close else ""
+        raise ConfigError(f"{error}{hint}") from None
 
 
 def check_reference(policy: str, levels: Path | None, seed: int | None, orders: int | None, *, sample: bool) -> None:

@@ -1,8 +1,8 @@
 """What reference policies reach on 450 recorded levels of flatland 2.2.2, and deadlock avoidance beside the original.
 
-The recording holds every action that `DeadLockAvoidancePolicy` of flatland-baselines 4.3.0 took in flatland-rl 4.3.0 under
-the rules of 2.2.2 (`<group>_<settings>_actions`, [steps, trains], level after level, and `_steps`, [levels]). Where
-that package is installed, some of it is recorded anew.
+The recording holds every action that `DeadLockAvoidancePolicy` of flatland-baselines 4.3.0 took in flatland-rl 4.3.0
+under the rules of 2.2.2 (`<group>_<settings>_actions`, [steps, trains], level after level, and `_steps`, [levels]).
+Where that package is installed, some of it is recorded anew.
 """
 
 from functools import cache

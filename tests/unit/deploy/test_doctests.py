@@ -14,6 +14,7 @@ import pytest
         ("deploy.resolve", 2),
         ("deploy.plan", 1),
         ("deploy.show", 2),
+        ("deploy.commands.references", 2),
     ],
 )
 def test_examples_in_docstrings_are_true(module, examples):

@@ -127,7 +127,7 @@ STEPS = 60
 
 
 def all_that_can_be(world, held):
-    """Sets of configurations that a train can be in, time by time, by trying out all actions; NOWHERE before departure."""
+    """Configurations that a train can be in, time by time, by trying out all actions; NOWHERE before departure."""
     codes, leads, start = world.batch.codes[0], world.batch.leads[0], int(world.batch.trains[0, 0]["start"])
     now = {NOWHERE}
     for time in range(STEPS):
