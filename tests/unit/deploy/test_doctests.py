@@ -15,6 +15,7 @@ import pytest
         ("deploy.plan", 1),
         ("deploy.show", 2),
         ("deploy.commands.references", 2),
+        ("deploy.output", 1),
     ],
 )
 def test_examples_in_docstrings_are_true(module, examples):

@@ -30,11 +30,11 @@ def railctl(*arguments):
 
 
 def test_a_policy_is_scored_by_its_name(here):
-    result = railctl("planner", "--levels", "levels.npz", "--orders", 3, "--seed", 1, "--json")
+    result = railctl("planner", "--levels", "levels.npz", "--orders", 3, "--draws", 1, "--json")
     assert result.exit_code == 0, result.stderr
     document = json.loads(result.stdout)
     [row] = document["rows"]
-    assert (document["policy"], document["orders"], document["checkpoint"]) == ("planner", 3, None)
+    assert (document["policy"], document["orders"], document["draws"]) == ("planner", 3, 1)
     assert (row["level"], len(row["returns"]), row["all_arrived_share"]) == ("easy", 3, 1)
     assert "easy: 3 of 3" in result.stderr
     table = railctl("shortest-path", "--levels", "levels.npz")
@@ -56,7 +56,11 @@ def test_the_name_of_a_policy_wins_and_a_path_is_a_run(here, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["random", "--sample"], "--sample: random is no network with probabilities to draw from: leave it out"),
+        (
+            ["random", "--sample"],
+            "--sample: random is no network whose actions could be drawn, or the best: leave it out",
+        ),
+        (["alone", "--draws", "1"], "--draws 1: alone draws nothing, leave it out"),
         (
             ["alone", "--orders", "3"],
             "--orders: only planner tries orders of trains, alone does not: leave it out",
@@ -65,7 +69,7 @@ def test_the_name_of_a_policy_wins_and_a_path_is_a_run(here, monkeypatch):
         (["planner", "--orders", "0"], "--orders 0: use a number above 0"),
         (
             ["shortest-path", "--levels", "levels.npz", "--seed", "2"],
-            "--levels and --seed: shortest-path on given levels draws nothing, leave --seed out",
+            "--levels and --seed: given levels are not drawn, leave --seed out (--draws is of sampling)",
         ),
         (["planner", "--seed", "-1"], "--seed -1: use 0 or a number above"),
         (["planner", "--level", "esy"], "--level 'esy': did you mean easy? known are easy, hard, medium"),

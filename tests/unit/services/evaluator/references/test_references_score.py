@@ -31,8 +31,8 @@ def scored(capsys):
 
 def test_every_difficulty_is_a_row_of_the_evaluation_levels(scored):
     document = scored("shortest-path", "--episodes", 3)
-    assert list(document) == ["checkpoint", "algorithm", "episode", "mode", "policy", "orders", "rows"]
-    assert list(document.values())[:6] == [None] * 4 + ["shortest-path", None]
+    assert list(document) == ["checkpoint", "algorithm", "episode", "mode", "draws", "policy", "orders", "rows"]
+    assert list(document.values())[:7] == [None] * 5 + ["shortest-path", None]
     assert [row["level"] for row in document["rows"]] == list(DIFFICULTIES)
     levels = [SUPPLY.evaluation("hard", index) for index in range(3)]
     expected = evaluate(reference_policy("shortest-path", CompiledWorld(1, 7)), levels)
@@ -49,10 +49,10 @@ def test_the_planner_tries_as_many_orders_as_are_asked_for_and_no_fewer_find_bet
     assert scored(*given)["rows"] == many["rows"]
 
 
-def test_draws_follow_the_seed_on_given_levels(scored, tmp_path):
+def test_draws_follow_their_seed(scored, tmp_path):
     files.save(tmp_path / "levels.npz", {"any": [SUPPLY.evaluation("easy", 0)] * 2})
     first, again, other = (
-        scored("random", "--levels", tmp_path / "levels.npz", "--seed", seed)["rows"][0]["returns"]
+        scored("random", "--levels", tmp_path / "levels.npz", "--draws", seed)["rows"][0]["returns"]
         for seed in (1, 1, 2)
     )
     assert first == again != other
