@@ -20,7 +20,8 @@ from common.config import Difficulty, Strict
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]{0,39}$")]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
-Reference = Literal["random", "shortest-path", "deadlock-avoidance", "planner"]
+Reference = Literal["random", "shortest-path", "deadlock-avoidance", "deadlock-avoidance-entering", "planner", "alone"]
+DRAWING: tuple[Reference, ...] = ("random", "planner")  # references that draw
 
 
 class Contender(Strict):

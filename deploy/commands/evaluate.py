@@ -1,4 +1,4 @@
-"""railctl evaluate: score a checkpoint on levels that training never sees, or on given ones."""
+"""railctl evaluate: score a checkpoint or a reference policy on levels that training never sees, or on given ones."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,8 +8,9 @@ import typer
 from common.config import ConfigError
 from common.levels.bank import bank_root
 from deploy.commands.levels.options import known, option
-from deploy.output import AsJson, console, counted, one_line_errors, say
-from deploy.runs import find_checkpoint, runs_root
+from deploy.commands.references import REFERENCE_SCORER, REFERENCES, check_reference, found_checkpoint, heading
+from deploy.output import AsJson, console, one_line_errors, say
+from deploy.runs import runs_root
 from deploy.show import score_table
 from deploy.task import run_task
 
@@ -20,13 +21,19 @@ EPISODES, SEED = 100, 0
 @one_line_errors
 def evaluate(
     checkpoint: Annotated[
-        str, typer.Argument(metavar="CHECKPOINT", help="A .safetensors file, or a run: its newest checkpoint.")
+        str,
+        typer.Argument(
+            metavar="CHECKPOINT|POLICY",
+            help="A .safetensors file, or a run: its newest checkpoint; or a reference policy: "
+            + ", ".join(REFERENCES)
+            + ".",
+        ),
     ],
     level: Annotated[
         list[str] | None,
         typer.Option(
             help="easy, medium or hard, or a group of --levels; may be repeated; "
-            "default: what it was trained on, or all groups."
+            "default: what it was trained on, for a reference policy all three, or all groups."
         ),
     ] = None,
     episodes: Annotated[int | None, typer.Option(help=f"Evaluation levels of each; default: {EPISODES}.")] = None,
@@ -42,29 +49,42 @@ def evaluate(
             help="Draw actions as the policy's probabilities say, or take the best; default: as its run scores it.",
         ),
     ] = None,
-    draws: Annotated[int | None, typer.Option(help="Seed of what --sample draws; default: the run's.")] = None,
+    draws: Annotated[
+        int | None,
+        typer.Option(help="Seed of what --sample, random and planner draw; default: the run's, for the policies 0."),
+    ] = None,
+    orders: Annotated[
+        int | None, typer.Option(help="Of trains, the planner carries out the best plan of so many; default: 50.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Play levels with a checkpoint, and print what becomes of them: a row a difficulty, with its 95% interval."""
+    """Play levels with a checkpoint or a reference policy, and print what becomes of them.
+
+    A row a difficulty, with its 95% interval.
+    """
+    is_reference = checkpoint in REFERENCES
+    if is_reference:
+        check_reference(checkpoint, draws, orders, sample=sample)
+    elif orders is not None:
+        raise ConfigError("--orders: only planner tries orders of trains: leave it out")
     _check(levels, episodes, seed, draws, sample=sample)
     names = level if levels else [known(name) for name in level or []]
     result = run_task(
-        SCORER,
-        str(find_checkpoint(checkpoint)),
+        *([REFERENCE_SCORER, checkpoint] if is_reference else [SCORER, str(found_checkpoint(checkpoint))]),
         *(part for name in dict.fromkeys(names or []) for part in ("--level", name)),
         *option("--levels", levels),
         *option("--episodes", episodes or EPISODES),
         *option("--seed", seed or SEED),
         *option("--mode", None if sample is None else "sample" if sample else "greedy"),
         *option("--draws", draws),
+        *option("--orders", orders),
         *option("--bank", bank_root(runs_root())),
     )
-    trained = f"{result['algorithm']} after {counted(result['episode'], 'episode')}, {result['mode']}"
-    say(f"{result['checkpoint']}: {trained}", result, as_json=as_json)
+    say(heading(result), result, as_json=as_json)
     if not as_json:
         console.print(score_table(result["rows"]))
         console.print("return: normalised, mean over levels; low, high: its 95% interval (bootstrap)")
-        if seed and levels is None:
+        if seed and levels is None and not is_reference:
             console.print(f"training may know rails of the levels of seed {seed}; those of seed 0 it never sees")
 
 

@@ -1,7 +1,7 @@
 """python -m services.evaluator.score CHECKPOINT: scores a checkpoint on levels; how it answers: see `common.task`."""
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Any, get_args
 import numpy as np
 
 from common.checkpoint import CheckpointError
-from common.config import ConfigError, Mode, nearest
+from common.config import ConfigError, Difficulty, Mode, nearest
 from common.levels import files
 from common.levels.chunks import BankError
 from common.levels.files import LevelFileError
@@ -21,7 +21,7 @@ from common.policy.checkpoints import SavedPolicy, load_policy
 from common.policy.compiled import Twin
 from common.policy.player import MAX_TRAINS, player
 from common.task import Teller, carry_out, say
-from services.evaluator.runner import Score, UnplayableLevelError, evaluate, greedy, sampled
+from services.evaluator.runner import Policy, Score, UnplayableLevelError, evaluate, greedy, sampled
 from services.evaluator.statistics import mean_interval
 
 
@@ -39,13 +39,10 @@ def score(options: argparse.Namespace) -> None:
     """Score the checkpoint on all groups of levels."""
     saved = load_policy(options.checkpoint)
     draws = draws_seed(options, saved)
-    groups = drawn(options, saved) if options.levels is None else list(recorded(options.levels, options.level))
-    rows = []
-    for group in groups:
-        try:
-            rows.append(row(group, saved.twin, draws))
-        except UnplayableLevelError as error:
-            raise UnplayableLevelError(f"{options.levels or 'evaluation levels'}: {group.name}, {error}") from error
+    rows = [
+        played(group, policy_for(group, saved.twin, draws), options.levels)
+        for group in groups_of(options, saved.trained_on)
+    ]
     say(
         {
             "checkpoint": str(options.checkpoint),
@@ -76,8 +73,15 @@ def draws_seed(options: argparse.Namespace, saved: SavedPolicy) -> int | None:
     return None
 
 
-def drawn(options: argparse.Namespace, saved: SavedPolicy) -> list[Group]:
-    """Evaluation levels of difficulties, if none are given of those that were trained on.
+def groups_of(options: argparse.Namespace, difficulties: Sequence[Difficulty]) -> list[Group]:
+    """What is played: groups of a file, or evaluation levels, of the difficulties if `options` name none."""
+    if options.levels is not None:
+        return list(recorded(options.levels, options.level))
+    return drawn(options, options.level or difficulties)
+
+
+def drawn(options: argparse.Namespace, difficulties: Sequence[Difficulty]) -> list[Group]:
+    """Evaluation levels of difficulties.
 
     Raises:
         ConfigError: training may have seen some.
@@ -91,7 +95,7 @@ def drawn(options: argparse.Namespace, saved: SavedPolicy) -> list[Group]:
     supply = LevelSupply.from_folder(options.bank)
     return [
         Group(name, map(partial(supply.evaluation, name, sequence=sequence), range(count)), count, MAX_TRAINS)
-        for name in options.level or saved.trained_on
+        for name in difficulties
     ]
 
 
@@ -112,12 +116,20 @@ def recorded(path: Path, names: list[str] | None) -> Iterator[Group]:
         yield Group(name, levels, len(levels), max(level.n_trains for level in levels))
 
 
-def row(group: Group, twin: Twin, draws: int | None) -> dict[str, Any]:
-    """Play a group and sum up; `draws`: see `draws_seed`."""
-    playing, teller = player("compiled", group.most_trains), Teller(group.name)
-    policy = greedy(playing, twin) if draws is None else sampled(playing, twin, draws)
+def policy_for(group: Group, twin: Twin, draws: int | None) -> Policy:
+    """The network as it plays a group; `draws`: see `draws_seed`."""
+    playing = player("compiled", group.most_trains)
+    return greedy(playing, twin) if draws is None else sampled(playing, twin, draws)
+
+
+def played(group: Group, policy: Policy, path: Path | None) -> dict[str, Any]:
+    """Play a group, of the file of a path if there is one, and sum up."""
+    teller = Teller(group.name)
     teller.tell(0, group.count)
-    result = evaluate(policy, group.levels, lambda done: teller.tell(done, group.count))
+    try:
+        result = evaluate(policy, group.levels, lambda done: teller.tell(done, group.count))
+    except UnplayableLevelError as error:
+        raise UnplayableLevelError(f"{path or 'evaluation levels'}: {group.name}, {error}") from error
     return {"level": group.name, "levels": group.count, **summary(result)}
 
 
@@ -142,14 +154,19 @@ def parsed(arguments: list[str] | None = None) -> argparse.Namespace:
     """What is asked for; none: on this process's own command line."""
     parser = argparse.ArgumentParser(description="Scores a checkpoint.")
     parser.add_argument("checkpoint", type=Path)
+    parser.add_argument("--mode", choices=get_args(Mode), help="default: as its run scores the checkpoint")
+    parser.add_argument("--draws", type=int, help="seed of sampling; default: the run's")
+    add_levels(parser)
+    return parser.parse_args(arguments)
+
+
+def add_levels(parser: argparse.ArgumentParser) -> None:
+    """The options that say what is played."""
     parser.add_argument("--level", action="append", help="difficulty or group; may be repeated")
     parser.add_argument("--levels", type=Path, help="a file of levels; default: evaluation levels")
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--mode", choices=get_args(Mode), help="default: as its run scores the checkpoint")
-    parser.add_argument("--draws", type=int, help="seed of sampling; default: the run's")
     parser.add_argument("--bank", type=Path)
-    return parser.parse_args(arguments)
 
 
 def main() -> None:

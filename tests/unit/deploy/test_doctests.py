@@ -14,6 +14,7 @@ import pytest
         ("deploy.resolve", 2),
         ("deploy.plan", 1),
         ("deploy.show", 2),
+        ("deploy.commands.references", 2),
         ("deploy.output", 1),
         ("deploy.judged", 2),
     ],
