@@ -1,12 +1,13 @@
 """The one way in which functions are compiled.
 
 Numba keeps compiled code on disk, and makes it anew when the function's own file has changed; it does not see that a
-constant or a function from another file went into it. Here everything under the same package of `common` counts
-(elsewhere, everything beside the file).
+constant or a function from another file went into it. Here every file of ours that the file imports counts, directly or
+through others.
 """
 
+import ast
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -14,42 +15,64 @@ from typing import Any, TypeVar, cast
 import numba
 from numba.core import caching
 
-HERE = Path(__file__).parent
+ROOT = Path(__file__).resolve().parents[1]
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
 @cache
-def _digest(package: Path) -> bytes:
-    """Of all sources in `package`, and of this one."""
+def _imports(path: Path) -> tuple[Path, ...]:
+    """The files of ours that a file imports, wherever in it."""
+    names: list[str] = []
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    return tuple(file for name in dict.fromkeys(names) for file in _files(name, beside=path.parent))
+
+
+def _files(module: str, beside: Path) -> Iterator[Path]:
+    """Where a module may lie: below the root, or beside who imports it."""
+    for folder in dict.fromkeys((ROOT, beside)):
+        place = folder.joinpath(*module.split("."))
+        yield from (file for file in (place.with_suffix(".py"), place / "__init__.py") if file.is_file())
+
+
+@cache
+def _digest(path: Path) -> bytes:
+    """Of a file, and of all that it imports of ours."""
+    found = {path}
+    waiting = [path]
+    while waiting:
+        fresh = set(_imports(waiting.pop())) - found
+        found |= fresh
+        waiting += fresh
     state = hashlib.blake2b(digest_size=16)
-    for path in [Path(__file__), *sorted(package.rglob("*.py"))]:
-        state.update(f"{path}/{path.stat().st_size}/".encode())
-        state.update(path.read_bytes())
+    for file in sorted(found):
+        state.update(f"{file}/{file.stat().st_size}/".encode())
+        state.update(file.read_bytes())
     return state.digest()
 
 
-class _StampedByPackage:
+class _StampedByImports:
     """The part of a locator that says when compiled code is stale."""
 
     _py_file: str
 
     def get_source_stamp(self) -> bytes:
-        path = Path(self._py_file).resolve()
-        if HERE.resolve() not in path.parents:
-            return _digest(path.parent)
-        return _digest(HERE / path.relative_to(HERE.resolve()).parts[0])
+        return _digest(Path(self._py_file).resolve())
 
 
-class GivenLocator(_StampedByPackage, caching.UserProvidedCacheLocator):
+class GivenLocator(_StampedByImports, caching.UserProvidedCacheLocator):
     """Where NUMBA_CACHE_DIR says."""
 
 
-class InTreeLocator(_StampedByPackage, caching.InTreeCacheLocator):
+class InTreeLocator(_StampedByImports, caching.InTreeCacheLocator):
     """Beside the source."""
 
 
-class UserWideLocator(_StampedByPackage, caching.UserWideCacheLocator):
+class UserWideLocator(_StampedByImports, caching.UserWideCacheLocator):
     """In the user's cache, where sources cannot be written beside."""
 
 

@@ -1,4 +1,4 @@
-"""Compiled code is kept, and made anew when anything in its package has changed."""
+"""Compiled code is kept, and made anew when anything has changed that it is made of."""
 
 import shutil
 import subprocess
@@ -14,7 +14,7 @@ from common.kernel import bare_kernel, kernel
 
 ONE = "from common.kernel import kernel\n\n\n@kernel\ndef one() -> int:\n    return 1\n"
 TWO = ONE.replace("def one() -> int:\n    return 1", "def two() -> int:\n    return one() + 1").replace(
-    "kernel\n\n", "kernel\nfrom common.tiny.one import one\n\n", 1
+    "kernel\n\n", "kernel\nfrom other.between import one\n\n", 1
 )
 RUN = "from common.tiny.two import two; print(two(), len(two.stats.cache_hits))"
 
@@ -28,10 +28,14 @@ def test_code_follows_a_function_of_another_file(tmp_path: Path):
     tiny = tmp_path / "common" / "tiny"
     tiny.mkdir(parents=True)
     shutil.copy(kernel_module.__file__, tmp_path / "common" / "kernel.py")
-    for path, text in ((tiny.parent / "__init__.py", ""), (tiny / "__init__.py", ""), (tiny / "one.py", ONE)):
-        path.write_text(text)
+    other = tmp_path / "other"
+    other.mkdir()
+    (tiny / "one.py").write_text(ONE)
+    (other / "between.py").write_text("from common.tiny import one as module\n\none = module.one\n")
     (tiny / "two.py").write_text(TWO)
     assert run_in(tmp_path) == ["2", "0"]
+    assert run_in(tmp_path) == ["2", "1"]
+    (tiny / "three.py").write_text("")  # nobody imports it
     assert run_in(tmp_path) == ["2", "1"]
     (tiny / "one.py").write_text(ONE.replace("return 1", "return 5"))
     assert run_in(tmp_path) == ["6", "0"]
