@@ -192,7 +192,7 @@ def _read_run(path: Path, episodes: int | None) -> tuple[RunConfig, dict[Difficu
                 reason=reason,
                 config=config,
                 returns=np.array([row.normalised_return for row in ours]),
-                unix_s=(ours[0].trained_unix_s - ours[0].acting_s, ours[-1].trained_unix_s),
+                unix_s=(rows[0].trained_unix_s - rows[0].acting_s, rows[-1].trained_unix_s),
                 arithmetic=_arithmetic(folder),
                 scored=_last([row for row in evaluations if row.level == level]),
             )
