@@ -56,7 +56,7 @@ def page(title: str, sections: Sequence[Section], images: Mapping[str, bytes]) -
     return f"<!DOCTYPE html>\n{text}\n"
 
 
-def _tag(name: str, *inside: str | ET.Element, **attributes: str) -> ET.Element:
+def _tag(name: str, /, *inside: str | ET.Element, **attributes: str) -> ET.Element:
     element = ET.Element(name, {key.rstrip("_"): value for key, value in attributes.items()})
     for part in inside:
         if isinstance(part, ET.Element):
