@@ -1,4 +1,4 @@
-"""python -m services.evaluator.report --study FOLDER | --run FOLDER ... --output FOLDER; answers as `common.task` says."""
+"""python -m services.evaluator.report --study FOLDER | --run FOLDER ...: how it answers: see `common.task`."""
 
 import argparse
 from collections import Counter
@@ -9,6 +9,7 @@ from matplotlib import rc_context
 from common.rows import DamagedRows
 from common.study import StudyFolder
 from common.task import Teller, carry_out, say
+from services.evaluator.reliability import CurvesError
 from services.evaluator.report.contents import STAGES, contents
 from services.evaluator.report.figures.style import SETTINGS
 from services.evaluator.report.files import write
@@ -40,7 +41,7 @@ def parsed(arguments: list[str] | None = None) -> argparse.Namespace:
 
 def main() -> None:
     options = parsed()
-    carry_out(lambda: report(options), DamagedRows, DamagedEvaluation)
+    carry_out(lambda: report(options), DamagedRows, DamagedEvaluation, CurvesError)
 
 
 if __name__ == "__main__":

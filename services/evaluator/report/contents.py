@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+from services.evaluator.reliability import Curves, judge, sensitivity
 from services.evaluator.report.figures.style import looks
 from services.evaluator.report.parts import Section
 from services.evaluator.report.results import Results
@@ -12,7 +13,6 @@ from services.evaluator.report.sections.reliability import METRICS, reliability,
 from services.evaluator.report.sections.settings import settings
 from services.evaluator.report.sections.summary import summary
 from services.evaluator.report.sections.training import training
-from services.evaluator.reliability import Curves, judge, sensitivity
 
 STAGES = 6
 

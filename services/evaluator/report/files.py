@@ -15,7 +15,11 @@ from services.evaluator.report.tables import Table
 
 
 def write(
-    folder: Path, results: Results, sections: Sequence[Section], judged: dict[str, Any] | None, tell: Callable[[int, int], None]
+    folder: Path,
+    results: Results,
+    sections: Sequence[Section],
+    judged: dict[str, Any] | None,
+    tell: Callable[[int, int], None],
 ) -> Path:
     """Write every figure as PNG and SVG, every table as CSV, all numbers as `report.json`, and the page."""
     folder.mkdir(parents=True, exist_ok=True)

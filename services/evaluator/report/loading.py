@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from common import checkpoint
 from common.checkpoint import CheckpointError
-from common.config import DIFFICULTIES, ConfigError, Difficulty, RunConfig, describe, flat
+from common.config import DIFFICULTIES, ConfigError, Difficulty, RunConfig, flat
 from common.folder import RunFolder
 from common.records import EpisodeRow, EvaluationRow
 from common.rows import DamagedRows, read_rows
@@ -56,12 +56,11 @@ def load_study(folder: StudyFolder) -> Results:
     """
     study = _read_study(folder.study_file)
     runs = {run: _of_study(folder, run, study) for run in planned_runs(study)}
-    references = {
+    references: dict[tuple[str, Difficulty], Scored | None] = {
         (policy, level): _scored(folder.reference(policy, level), level)
         for level in study.levels
         for policy in study.references
     }
-    final = study.evaluation
     return Results(
         title=study.name,
         contenders=tuple(contender.name for contender in study.contenders),
@@ -70,7 +69,7 @@ def load_study(folder: StudyFolder) -> Results:
         episodes=study.episodes // study.judgement.block * study.judgement.block,
         judgement=study.judgement,
         runs=runs,
-        scored_by=f"the last network of every run on {final.episodes} levels of evaluation seed {final.seed}",
+        scored_by=f"the last network of every run, on levels of evaluation seed {study.evaluation.seed}",
         references=references,
         study=study,
     )
@@ -84,7 +83,9 @@ def _read_study(path: Path) -> Study:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
     except ValidationError as error:
-        raise ConfigError(f"{path}: {describe(error)}") from None
+        problem = error.errors()[0]
+        field = ".".join(map(str, problem["loc"])) or "all of it"
+        raise ConfigError(f"{path}: {field}: {problem['msg']}: restore the file as it was planned") from None
 
 
 def _of_study(folder: StudyFolder, run: PlannedRun, study: Study) -> Trained:
@@ -177,7 +178,7 @@ def _spoken(value: Any) -> str:
 
 
 def _read_run(path: Path, episodes: int | None) -> tuple[RunConfig, dict[Difficulty, Trained]]:
-    """A run's configuration, and what it has trained on each of its levels; raises as `RunFolder.config`, `read_rows`."""
+    """A run's configuration, and what it has trained on each level; raises as `RunFolder.config` and `read_rows`."""
     folder = RunFolder(path)
     config = folder.config()
     rows = read_rows(folder.episodes_file, EpisodeRow)

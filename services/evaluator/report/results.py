@@ -75,7 +75,7 @@ class Results:
         """The mean return of every whole block that was trained [P]."""
         block = self.judgement.block
         points = min(self.points, len(trained.returns) // block)
-        return trained.returns[: points * block].reshape(points, block).mean(axis=1)
+        return np.asarray(trained.returns[: points * block].reshape(points, block).mean(axis=1))
 
     def is_whole(self, trained: Trained) -> bool:
         """Whether a run's curve can be compared with the others'."""
@@ -109,6 +109,8 @@ class Results:
         """Final scores [R, K] of each contender, of a rectangle of scored runs."""
         cells = {run: trained.scored.mean for run, trained in self.runs.items() if trained.scored}
         return {
-            contender: np.array([[cells[PlannedRun(contender, level, seed)] for level in over.levels] for seed in over.seeds])
+            contender: np.array(
+                [[cells[PlannedRun(contender, level, seed)] for level in over.levels] for seed in over.seeds]
+            )
             for contender in self.contenders
         }

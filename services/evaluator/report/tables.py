@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from io import StringIO
 from typing import Any, NamedTuple
 
-NOTHING = "–"
+NOTHING = "-"
 
 
 class Spread(NamedTuple):
@@ -41,6 +41,7 @@ class Column(NamedTuple):
 
     heading: str
     spec: str = ".3f"
+    of_std: str | None = None  # none: as all else
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,8 @@ class Table:
     def shown(self) -> list[list[str]]:
         """All cells as they are read on the page."""
         return [
-            [shown(cell, column.spec) for cell, column in zip(row, self.columns, strict=True)] for row in self.rows
+            [shown(cell, column.spec, column.of_std) for cell, column in zip(row, self.columns, strict=True)]
+            for row in self.rows
         ]
 
     def records(self) -> list[dict[str, Plain]]:
@@ -81,7 +83,7 @@ class Table:
         return text.getvalue()
 
 
-def shown(cell: Cell, spec: str) -> str:
+def shown(cell: Cell, spec: str, of_std: str | None = None) -> str:
     """A cell as it is read.
 
     >>> shown(Spread(-0.25, 0.0625), ".3f"), shown(Interval(0.5, 0.25, 0.75), ".2f"), shown(Beside("64", "128"), "")
@@ -93,7 +95,7 @@ def shown(cell: Cell, spec: str) -> str:
         case float():
             return format(cell, spec) if math.isfinite(cell) else NOTHING
         case Spread(mean, std):
-            return shown(mean, spec) if std is None else f"{mean:{spec}} ± {std:{spec}}"
+            return shown(mean, spec) if std is None else f"{mean:{spec}} ± {std:{of_std or spec}}"
         case Interval(value, low, high):
             return f"{value:{spec}} [{low:{spec}}, {high:{spec}}]" if math.isfinite(low) else shown(value, spec)
         case Beside(ours, study):
@@ -113,4 +115,6 @@ def plain(heading: str, cell: Cell) -> dict[str, Plain]:
             found = {heading: ours, f"{heading} of the study": study}
         case _:
             found = {heading: cell}
-    return {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in found.items()}
+    return {
+        key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in found.items()
+    }

@@ -18,7 +18,9 @@ def dots(columns: Mapping[str, Mapping[str, Interval]], styles: Mapping[str, Loo
         for name, (value, low, high) in estimates.items():
             look, place = styles[name], names.index(name)
             if np.isfinite(low):
-                axes.plot([low, high], [place, place], color=look.colour, linewidth=5, alpha=0.35, solid_capstyle="butt")
+                axes.plot(
+                    [low, high], [place, place], color=look.colour, linewidth=5, alpha=0.35, solid_capstyle="butt"
+                )
                 axes.plot([low, high], [place, place], "|", color=INK, markersize=8)
             axes.plot(value, place, look.marker, color=look.colour, markeredgecolor=INK, markersize=7)
             axes.text(value, place - 0.26, f"{value:.3f}", ha="center", va="bottom", fontsize=7.5)
@@ -32,15 +34,19 @@ def dots(columns: Mapping[str, Mapping[str, Interval]], styles: Mapping[str, Loo
 
 
 def matrix(
-    values: NDArray[np.float64], rows: Sequence[str], columns: Sequence[str], texts: Sequence[Sequence[str]], across: str
+    values: NDArray[np.float64],
+    rows: Sequence[str],
+    columns: Sequence[str],
+    texts: Sequence[Sequence[str]],
+    across: str,
 ) -> Figure:
     """Shares [rows, columns] in [0, 1], the darker the higher, each written out; nan stays empty."""
     longest = max(map(len, rows))
     figure, [[axes]] = canvas(1.2 + 0.09 * longest + 0.95 * len(columns), 1.0 + 0.55 * len(rows))
-    axes.imshow(np.ma.masked_invalid(values), cmap="cividis_r", vmin=0, vmax=1, aspect="auto")
+    axes.imshow(np.where(np.isnan(values), 0, values), cmap="Blues", vmin=0, vmax=1, aspect="auto")
     for i, line in enumerate(texts):
         for j, text in enumerate(line):
-            colour = "white" if values[i, j] > 0.55 else "black"
+            colour = "white" if values[i, j] > 0.6 else "black"
             axes.text(j, i, text, ha="center", va="center", fontsize=7.5, color=colour)
     axes.set_xticks(range(len(columns)), list(columns))
     axes.set_yticks(range(len(rows)), list(rows))

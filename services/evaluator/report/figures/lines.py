@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,27 +26,38 @@ class Line:
 
 
 def panels(
-    lines: Mapping[str, Mapping[str, Line]], styles: Mapping[str, Look], axes_of_all: Mapping[str, object]
+    lines: Mapping[str, Mapping[str, Line]],
+    styles: Mapping[str, Look],
+    axes_of_all: Mapping[str, Any],
+    *,
+    ends_meet: bool = False,
 ) -> Figure:
-    """A panel for each name, with a line for each contender; `axes_of_all` are labels and limits."""
+    """A panel for each name, with a line for each contender; `axes_of_all` are labels and limits.
+
+    Names stand at the ends of their lines, or in a corner if these `ends_meet`.
+    """
     figure, [row] = canvas(4.6 * len(lines) + 0.6 * (len(lines) == 1), 3.9, 1, len(lines), sharey=True)
     for number, (axes, (title, ours)) in enumerate(zip(row, lines.items(), strict=True)):
         axes.set(**(axes_of_all if number == 0 else {**axes_of_all, "ylabel": ""}))
         axes.set_title(title, loc="left", fontweight="bold")
         axes.grid(alpha=0.25, linewidth=0.6)
         for name, line in ours.items():
-            _draw(axes, line, styles[name])
-        _name_ends(axes, ours, styles)
+            _draw(axes, name, line, styles[name])
+        if ends_meet:
+            axes.legend(loc="lower left", fontsize=8, handlelength=4, frameon=False)
+        else:
+            _name_ends(axes, ours, styles)
     return figure
 
 
-def _draw(axes: Axes, line: Line, look: Look) -> None:
+def _draw(axes: Axes, name: str, line: Line, look: Look) -> None:
     if np.isfinite(line.low).any():
         axes.fill_between(line.x, line.low, line.high, color=look.colour, alpha=0.13, linewidth=0)
     every = max(1, len(line.x) // 15)
     axes.plot(
         line.x,
         line.y,
+        label=name,
         linestyle=look.dash,
         color=look.colour,
         linewidth=1.8,

@@ -40,11 +40,13 @@ def rankings(rows: Sequence[Sequence[Ranking]], styles: Mapping[str, Look]) -> F
     for panels, places in zip(rows, axes, strict=True):
         for number, (panel, place) in enumerate(zip(panels, places, strict=True)):
             _draw(place, panel, styles)
-            place.set(ylim=(0, top), ylabel="score (best: %d)" % n if number == 0 else "")
+            place.set(ylim=(0, top), ylabel=f"score (best: {n})" if number == 0 else "")
             place.set_yticks(range(n + 1))
     used = [rule for rule in RULES if any(rule in panel.pairs.values() for row in rows for panel in row)]
     if used:
-        handles = [Line2D([], [], color=INK, linestyle=RULES[rule][0], label=f"differ {RULES[rule][1]}") for rule in used]
+        handles = [
+            Line2D([], [], color=INK, linestyle=RULES[rule][0], label=f"differ {RULES[rule][1]}") for rule in used
+        ]
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8)
     return figure
 
@@ -57,7 +59,12 @@ def _draw(axes: Axes, panel: Ranking, styles: Mapping[str, Look]) -> None:
         axes.bar(number, height, 0.72, fill=False, edgecolor=INK, linewidth=0.7)
         if np.isfinite(low):
             axes.errorbar(
-                number, height, [[max(0.0, height - low)], [max(0.0, high - height)]], color=INK, capsize=3, linewidth=1.4
+                number,
+                height,
+                [[max(0.0, height - low)], [max(0.0, high - height)]],
+                color=INK,
+                capsize=3,
+                linewidth=1.4,
             )
         box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
         axes.text(number, 0.28, f"{height:.2f}", ha="center", va="center", fontsize=7, bbox=box)
@@ -66,7 +73,12 @@ def _draw(axes: Axes, panel: Ranking, styles: Mapping[str, Look]) -> None:
         axes.plot([i, j], [y, y], color=INK, linewidth=1.1, linestyle=RULES[panel.pairs[i, j]][0])
         axes.plot([i, j], [y, y], "|", color=INK, markersize=4)
     axes.set_title(panel.title, loc="left", fontweight="bold")
-    axes.set_xticks(range(len(styles)), list(styles), rotation=30 if max(map(len, styles)) > 5 else 0, ha="right" if max(map(len, styles)) > 5 else "center")
+    axes.set_xticks(
+        range(len(styles)),
+        list(styles),
+        rotation=30 if max(map(len, styles)) > 5 else 0,
+        ha="right" if max(map(len, styles)) > 5 else "center",
+    )
     axes.tick_params(axis="x", length=0)
     axes.axhline(len(styles), color=FAINT, linewidth=0.5, linestyle=":")
 

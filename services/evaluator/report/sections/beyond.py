@@ -15,21 +15,27 @@ from services.evaluator.report.figures.style import Look
 from services.evaluator.report.parts import Figure, Part, Section
 from services.evaluator.report.results import Rectangle, Results
 from services.evaluator.report.sections.training import OPTIMAL
-from services.evaluator.report.tables import Cell, Column, Interval, Table
+from services.evaluator.report.tables import NOTHING, Cell, Column, Interval, Table
 
 TITLE = "Beyond the study"
 TAUS = np.linspace(-1, 0, 101)
+CHANGED = {True: "yes", False: "no", None: NOTHING}
 Scores = Mapping[str, NDArray[np.float64]]
 
 
 def beyond(
-    results: Results, curves: Rectangle | None, sensitivity: Sequence[Mapping[str, Any]] | None, styles: Mapping[str, Look]
+    results: Results,
+    curves: Rectangle | None,
+    sensitivity: Sequence[Mapping[str, Any]] | None,
+    styles: Mapping[str, Look],
 ) -> Section:
     """In the order of the specification; what cannot be had is left out with its reason."""
     parts: list[Part] = []
     over = results.rectangle(lambda trained: trained.scored is not None)
     if over is None:
-        parts.append("No seed has a final score of every contender on a level: aggregates of final scores are left out.")
+        parts.append(
+            "No seed has a final score of every contender on a level: aggregates of final scores are left out."
+        )
     else:
         scores = results.scores(over)
         parts.append(_about(over, results.scored_by))
@@ -47,8 +53,8 @@ def _about(over: Rectangle, scored_by: str) -> str:
     few = " Of a single run nothing can be said about others: there are no intervals." if len(over.seeds) == 1 else ""
     return (
         f"Final scores ({scored_by}) that all contenders have: levels {', '.join(over.levels)}, seeds "
-        f"{', '.join(map(str, over.seeds))} (n = {len(over.seeds)} runs each). Methods are those of Agarwal et al. 2021; "
-        f"intervals are of 95%, by a bootstrap over runs within levels.{few}"
+        f"{', '.join(map(str, over.seeds))} (n = {len(over.seeds)} runs each). Methods are those of Agarwal et al. "
+        f"(2021); intervals are of 95%, by a bootstrap over runs within levels.{few}"
     )
 
 
@@ -58,8 +64,9 @@ def _aggregates(scores: Scores, styles: Mapping[str, Look], over: Rectangle) -> 
     titles = {"iqm": "interquartile mean (right is better)", "optimality_gap": "optimality gap (left is better)"}
     drawing = dots({titles[key]: estimates for key, estimates in shown.items()}, styles)
     caption = (
-        "Left: the mean of the middle half of all final scores, which outliers do not move. Right: by how much scores lie "
-        f"below {OPTIMAL}, the study's score of optimal agents. Bars are 95% intervals. n = {len(over.seeds)} runs on each level."
+        "Left: the mean of the middle half of all final scores, which outliers do not move. Right: by how much scores "
+        f"lie below {OPTIMAL}, the study's score of optimal agents. Bars are 95% intervals. "
+        f"n = {len(over.seeds)} runs on each level."
     )
     numbers = {name: {key: estimate._asdict() for key, estimate in of.items()} for name, of in found.items()}
     yield Figure("figure-iqm", "Interquartile mean and optimality gap", caption, drawing, numbers)
@@ -78,8 +85,8 @@ def _improvement(scores: Scores) -> Iterator[Figure]:
     texts = [[_estimate(found[x, y]) if x != y else "" for y in names] for x in names]
     numbers = {x: {y: found[x, y]._asdict() for y in names if x != y} for x in names}
     caption = (
-        "How probable it is that a run of the row is better than a run of the column on the same level, with its 95% interval. "
-        "0.5 is even; an interval that does not hold it is a difference. The darker the more probable."
+        "How probable it is that a run of the row is better than a run of the column on the same level, with its 95% "
+        "interval. 0.5 is even; an interval that does not hold it is a difference. The darker the more probable."
     )
     drawing = matrix(values, names, names, texts, "is beaten by the row")
     yield Figure("figure-improvement", "Probability of improvement", caption, drawing, numbers)
@@ -95,10 +102,11 @@ def _profiles(scores: Scores, styles: Mapping[str, Look], over: Rectangle) -> Fi
     lines = {", ".join(over.levels): {name: Line(TAUS, *of) for name, of in found.items()}}
     axes = {"xlabel": "score", "ylabel": "share of runs above", "xlim": (-1, 0), "ylim": (-0.02, 1.02)}
     caption = (
-        "Which share of the runs, over all levels, scores above a value: a line above another's at every value is better "
-        "whatever one aims for. Shaded: 95% intervals, at each value alone."
+        "Which share of the runs, over all levels, scores above a value: a line above another's at every value is "
+        "better whatever one aims for. Shaded: 95% intervals, at each value alone."
     )
-    return Figure("figure-profiles", "Performance profiles", caption, panels(lines, styles, axes), _numbers(lines))
+    drawing = panels(lines, styles, axes, ends_meet=True)
+    return Figure("figure-profiles", "Performance profiles", caption, drawing, _numbers(lines))
 
 
 def _iqm_curves(results: Results, over: Rectangle, styles: Mapping[str, Look]) -> Figure:
@@ -108,14 +116,21 @@ def _iqm_curves(results: Results, over: Rectangle, styles: Mapping[str, Look]) -
     found = statistics.iqm_curves(
         {name: means[number].transpose(1, 0, 2) for number, name in enumerate(results.contenders)}
     )
-    episodes = results.judgement.block * np.arange(1, results.points + 1)
+    episodes = results.judgement.block * np.arange(1.0, results.points + 1)
     lines = {", ".join(over.levels): {name: Line(episodes, *of) for name, of in found.items()}}
-    axes = {"xlabel": "episode", "ylabel": "interquartile mean return", "xlim": (0, results.episodes), "ylim": (-1.02, 0.02)}
+    axes = {
+        "xlabel": "episode",
+        "ylabel": "interquartile mean return",
+        "xlim": (0, results.episodes),
+        "ylim": (-1.02, 0.02),
+    }
     caption = (
-        f"The interquartile mean, over runs and levels, of the mean return of {results.judgement.block} training episodes; "
-        f"shaded: 95% intervals. n = {n} runs on each level."
+        f"The interquartile mean, over runs and levels, of the mean return of {results.judgement.block} training "
+        f"episodes; shaded: 95% intervals. n = {n} runs on each level."
     )
-    return Figure("figure-iqm-curves", "Interquartile mean over episodes", caption, panels(lines, styles, axes), _numbers(lines))
+    return Figure(
+        "figure-iqm-curves", "Interquartile mean over episodes", caption, panels(lines, styles, axes), _numbers(lines)
+    )
 
 
 def _numbers(lines: Mapping[str, Mapping[str, Line]]) -> dict[str, Any]:
@@ -135,8 +150,8 @@ def _ranks(scores: Scores) -> Iterator[Part]:
     texts = [[f"{share:.0%}" for share in row] for row in values]
     ranks = [str(rank + 1) for rank in range(len(names))]
     caption = (
-        "How probable each rank is by the mean final score on a level, mean over levels, if seeds were drawn anew: the same "
-        "for all contenders. Rank 1 is the best; a row of one dark cell is a rank to rely on."
+        "How probable each rank is by the mean final score on a level, mean over levels, if seeds were drawn anew: the "
+        "same for all contenders. Rank 1 is the best; a row of one dark cell is a rank to rely on."
     )
     drawing = matrix(values, names, ranks, texts, "rank")
     yield Figure("figure-ranks", "Rank distribution", caption, drawing, {name: found[name].tolist() for name in names})
@@ -155,29 +170,35 @@ def _paired(scores: Scores, over: Rectangle) -> Iterator[Part]:
     ]
     caption = (
         "Contenders with the same seed saw the same levels while training, so they are compared seed by seed: the mean "
-        "difference x - y of final scores with its 95% interval, p of a sign-flip permutation test, and p corrected for all "
-        f"pairs (Benjamini-Yekutieli). n = {len(over.seeds)} seeds on {len(over.levels)} levels."
+        "difference x - y of final scores with its 95% interval, p of a sign-flip permutation test, and p corrected "
+        f"for all pairs (Benjamini-Yekutieli). n = {len(over.seeds)} seeds on {len(over.levels)} levels."
     )
     columns = (Column("x"), Column("y"), Column("x - y"), Column("p", ".4f"), Column("p corrected", ".4f"))
     yield Table("table-paired", "Paired tests within seeds", caption, columns, rows)
 
 
 def _sensitivity(results: Results, found: Sequence[Mapping[str, Any]]) -> Table:
-    rows = [
-        [row["metric"], row["switch"], _spoken(row["value"]), *map(float, row["mean_rank"]), "yes" if row["order_changed"] else "no"]
+    rows: list[list[Cell]] = [
+        [
+            *(row[key] for key in ("metric", "zone")),
+            *(_spoken(row[key]) for key in ("switch", "value")),
+            *map(float, row["mean_rank"]),  # "nan" where there are none
+            CHANGED[row["order_changed"]],
+        ]
         for row in found
     ]
     columns = (
-        *map(Column, ("metric", "switch", "value")),
+        *map(Column, ("metric", "zone", "switch", "value")),
         *(Column(name, ".2f") for name in results.contenders),
         Column("order changed"),
     )
     caption = (
-        "Mean ranks (1 is the best) if one choice in computing the metrics is made otherwise, all others being as above, and "
-        "whether that changes the order of contenders: a ranking that turns with a switch says little."
+        "Mean ranks (1 is the best) if one choice in computing the metrics is made otherwise, all others being as "
+        "above, and whether that changes the order of contenders: a ranking that turns with a switch says little."
     )
     return Table("table-sensitivity", "Sensitivity of rankings", caption, columns, rows)
 
 
 def _spoken(value: Any) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
+    """A switch or its value; rows without are as the figures above."""
+    return "as above" if value is None else str(value).lower()

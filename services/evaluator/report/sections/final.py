@@ -16,7 +16,7 @@ COLUMNS = (
     Column("contender"),
     Column("runs"),
     Column("return"),
-    Column("study's return", ".3g"),
+    Column("study's return", ".2f", ".3g"),
     Column("median episode"),
     Column("trains arrived", ".1%"),
     Column("all arrived", ".1%"),
@@ -29,7 +29,9 @@ def final(results: Results) -> Section:
     if not rows:
         return Section(TITLE, ("Nothing has been scored yet.",))
     parts: list[Part] = [Table("table-5.2", "Table 5.2: final evaluation", _caption(results), COLUMNS, rows)]
-    parts += [note for level in results.levels for name in results.contenders if (note := published.misprints(level, name))]
+    parts += [
+        note for level in results.levels for name in results.contenders if (note := published.misprints(level, name))
+    ]
     return Section(TITLE, (*parts, *_best(results)))
 
 
@@ -61,10 +63,10 @@ def _caption(results: Results) -> str:
     episodes = {trained.scored.levels for trained in results.runs.values() if trained.scored}
     each = f"{min(episodes)}" if len(episodes) == 1 else f"{min(episodes, default=0)} to {max(episodes, default=0)}"
     return (
-        f"Scores are those of {results.scored_by} ({each} levels a run). Return: mean over runs ± their standard deviation "
-        "(of a sample), beside the study's. Episodes end either well or in a jam, so their median, over all episodes of all "
-        "runs, is often far from the mean; the shares say how many trains arrived, and in how many episodes all of them. "
-        "Rows without a number of runs are reference policies, which do not learn."
+        f"Scores are those of {results.scored_by} ({each} levels a run). Return: mean over runs ± their standard "
+        "deviation (of a sample), beside the study's. Episodes end either well or in a jam, so their median, over all "
+        "episodes of all runs, is often far from the mean; the shares say how many trains arrived, and in how many "
+        "episodes all of them. Rows without a number of runs are reference policies, which do not learn."
     )
 
 

@@ -3,21 +3,25 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-from scipy.stats import false_discovery_control
-
 from services.evaluator.report.figures.rankings import Ranking, Rule, rankings
 from services.evaluator.report.figures.style import Look
 from services.evaluator.report.parts import Figure, Part, Section
 from services.evaluator.report.results import Rectangle, Results
 from services.evaluator.report.tables import Cell, Column, Interval, Table
 
-ALPHA = 0.05
-TOOL = "by_0.01"  # the tool's own rule
+TEXTBOOK, TOOL = "textbook_by_0.05", "by_0.01"
 ZONES = ("Beginning", "Middle", "End")
 METRICS = {
-    "DT": ("dispersion across time", "the interquartile range of the differences between successive episodes within an evaluation point", "5.3"),
-    "DR": ("dispersion across runs", "the interquartile range over runs of the mean return of an evaluation point", "5.4"),
+    "DT": (
+        "dispersion across time",
+        "the interquartile range of the differences between successive episodes within an evaluation point",
+        "5.3",
+    ),
+    "DR": (
+        "dispersion across runs",
+        "the interquartile range over runs of the mean return of an evaluation point",
+        "5.4",
+    ),
     "SRT": ("short-term risk", "the mean of the worst 5% of changes from one evaluation point to the next", "5.5"),
     "LRT": ("long-term risk", "the mean of the worst 5% of falls below the best evaluation point so far", "5.6"),
 }
@@ -42,9 +46,10 @@ def why_not(results: Results, over: Rectangle | None) -> str | None:
             f"and there is none{who}. They are left out until there is."
         )
     if len(over.seeds) < 2:
-        return "Rankings need two seeds at least that all contenders have trained with, and here is one: they are left out."
-    if results.points < 2:
-        return f"Rankings need two evaluation points of {results.judgement.block} episodes at least: they are left out."
+        return "Rankings need two seeds that all contenders have trained with, and here is one: they are left out."
+    least = max(2, results.judgement.zones)
+    if results.points < least:
+        return f"Rankings need {least} evaluation points of {results.judgement.block} episodes: they are left out."
     return None
 
 
@@ -53,42 +58,38 @@ def about(results: Results, over: Rectangle) -> str:
     seeds, levels = ", ".join(map(str, over.seeds)), ", ".join(over.levels)
     left = len(results.runs) - len(results.contenders) * len(over.seeds) * len(over.levels)
     rest = f" {left} runs are not whole or stand alone, and are left out." if left else ""
-    return f"Compared are the runs that all contenders have: levels {levels}, seeds {seeds} (n = {len(over.seeds)} runs each).{rest}"
+    n = f"n = {len(over.seeds)} runs each"
+    return f"Compared are the runs that all contenders have: levels {levels}, seeds {seeds} ({n}).{rest}"
 
 
 def reliability(results: Results, over: Rectangle, judged: Document, styles: Mapping[str, Look]) -> Iterator[Section]:
     """The study's figures of all levels together, then its appendix's, level by level."""
     heading = (
-        "The study's four metrics (Chan et al. 2020), as ranks of all runs of all contenders on a level, averaged. The score is "
-        f"{len(results.contenders)} + 1 less the mean rank: the higher the more reliable. Vertical lines are 95% intervals of "
-        f"{results.judgement.bootstraps} bootstraps. A horizontal line joins two contenders that differ significantly "
-        f"(permutation tests, {results.judgement.permutations} permutations, corrected for all pairs of a panel): by the "
-        "textbook's Benjamini-Yekutieli at 0.05, by the tool's own rule (0.01, partial harmonic sums), or by both."
+        "The study's four metrics (Chan et al. 2020), as ranks of all runs of all contenders on a level, averaged. The "
+        f"score is {len(results.contenders)} + 1 less the mean rank: the higher the more reliable. Vertical lines are "
+        f"95% intervals of {results.judgement.bootstraps} bootstraps. A horizontal line joins two contenders that "
+        f"differ significantly (permutation tests, {results.judgement.permutations} permutations, corrected for all "
+        "pairs of a panel): by the textbook's Benjamini-Yekutieli at 0.05, by the tool's own rule (0.01, partial "
+        "harmonic sums), or by both."
     )
-    together = [_figure(results, over, judged, styles, metric) for metric in METRICS]
+    together = [_figure(over, judged, styles, metric) for metric in METRICS]
     tables = [_scores(results, judged), _pairs(results, judged)]
     yield Section("Reliability", (about(results, over), heading, *together, *tables))
-    apart: list[Part] = [_by_level(results, over, judged, styles, number) for number in range(len(METRICS))]
+    apart: list[Part] = [_by_level(over, judged, styles, number) for number in range(len(METRICS))]
     yield Section("Reliability, level by level", ("As before, with ranks of one level alone.", *apart))
 
 
 def rules(stats: Document) -> dict[tuple[int, int], Rule]:
     """Which pairs of a panel differ, and by which rule."""
-    pairs = [(int(i), int(j)) for i, j, *_ in stats.get("pairs", ())]
-    if not pairs:
-        return {}
-    p = np.array([pair[3] for pair in stats["pairs"]], np.float64)
-    textbook = false_discovery_control(p, method="by") <= ALPHA
-    tool = {(int(i), int(j)) for i, j in stats["significant"][TOOL]}
-    named: dict[tuple[bool, bool], Rule] = {(True, True): "both", (True, False): "textbook", (False, True): "tool"}
-    found = {pair: named.get((bool(by_textbook), pair in tool)) for pair, by_textbook in zip(pairs, textbook, strict=True)}
-    return {pair: rule for pair, rule in found.items() if rule is not None}
+    textbook, tool = ({(i, j) for i, j in stats["significant"][name]} for name in (TEXTBOOK, TOOL))
+    found: dict[tuple[int, int], Rule] = dict.fromkeys(sorted(textbook | tool), "both")
+    return found | dict.fromkeys(textbook - tool, "textbook") | dict.fromkeys(tool - textbook, "tool")
 
 
 def _panel(title: str, stats: Document) -> Ranking:
     n = len(stats["mean_rank"])
-    intervals = [(n + 1 - float(high), n + 1 - float(low)) for low, high in stats["ci95"]]
-    return Ranking(title, [float(height) for height in stats["bar_height"]], intervals, rules(stats))
+    intervals = [(n + 1 - high, n + 1 - low) for low, high in stats["ci95"]]
+    return Ranking(title, stats["bar_height"], intervals, rules(stats))
 
 
 def _zone(name: str, of: Sequence[str]) -> str:
@@ -102,7 +103,7 @@ def _panels(stats: Mapping[str, Document], prefix: str = "") -> list[Ranking]:
     return [_panel(prefix + _zone(zone, list(stats)), found) for zone, found in stats.items()]
 
 
-def _figure(results: Results, over: Rectangle, judged: Document, styles: Mapping[str, Look], metric: str) -> Figure:
+def _figure(over: Rectangle, judged: Document, styles: Mapping[str, Look], metric: str) -> Figure:
     name, what, number = METRICS[metric]
     stats = judged["metrics"][metric]["stats"]["all"]
     zones = "in each zone of training" if len(stats) > 1 else "over the whole training"
@@ -113,7 +114,7 @@ def _figure(results: Results, over: Rectangle, judged: Document, styles: Mapping
     return Figure(f"figure-{number}", f"Figure {number}: {name}", caption, rankings([_panels(stats)], styles), stats)
 
 
-def _by_level(results: Results, over: Rectangle, judged: Document, styles: Mapping[str, Look], number: int) -> Figure:
+def _by_level(over: Rectangle, judged: Document, styles: Mapping[str, Look], number: int) -> Figure:
     metric = list(METRICS)[number]
     name = METRICS[metric][0]
     stats = {level: judged["metrics"][metric]["stats"][f"task{k}"] for k, level in enumerate(over.levels)}
@@ -122,8 +123,16 @@ def _by_level(results: Results, over: Rectangle, judged: Document, styles: Mappi
         rows = [_panels(zones, f"{level}: ") for level, zones in stats.items()]
     else:
         rows = [[_panel(level, zones["whole"]) for level, zones in stats.items()]]
-    caption = f"As figure {METRICS[metric][2]}, {'a row' if by_zone else 'a panel'} a level. n = {len(over.seeds)} runs each."
-    return Figure(f"figure-appendix-{number + 1}", f"Figure .{number + 1}: {name} by level", caption, rankings(rows, styles), stats)
+    caption = (
+        f"As figure {METRICS[metric][2]}, {'a row' if by_zone else 'a panel'} a level. n = {len(over.seeds)} runs each."
+    )
+    return Figure(
+        f"figure-appendix-{number + 1}",
+        f"Figure .{number + 1}: {name} by level",
+        caption,
+        rankings(rows, styles),
+        stats,
+    )
 
 
 def _scores(results: Results, judged: Document) -> Table:
@@ -149,10 +158,11 @@ def _pairs(results: Results, judged: Document) -> Table:
         for zone, of_zone in stats.items():
             differing = rules(of_zone)
             for i, j, _, p, d in of_zone["pairs"]:
-                rule = differing.get((int(i), int(j)), "neither")
-                names = results.contenders[int(i)], results.contenders[int(j)]
-                rows.append([metric, _zone(zone, list(stats)), *names, float(d), float(p), rule])
+                rule = differing.get((i, j), "neither")
+                names = results.contenders[i], results.contenders[j]
+                rows.append([metric, _zone(zone, list(stats)), *names, d, p, rule])
     headings = ("metric", "zone", "x", "y")
     columns = (*map(Column, headings), Column("x ahead by", ".2f"), Column("p", ".4f"), Column("differs by"))
-    caption = "Every pair of figures 5.3 to 5.6: how many ranks x is ahead of y, p of the permutation test, and by which rules they differ."
+    caption = "Every pair of figures 5.3 to 5.6: by how many ranks x is ahead of y, p of the permutation test, and by "
+    caption += "which rules they differ."
     return Table("table-pairs", "Pairs", caption, columns, rows, is_folded=True)

@@ -56,8 +56,8 @@ def _beside(level: Difficulty, name: str, config: RunConfig) -> list[Beside]:
 def _table(configs: dict[tuple[Difficulty, str], RunConfig]) -> Table:
     rows: list[list[Cell]] = [[level, name, *_beside(level, name, config)] for (level, name), config in configs.items()]
     caption = (
-        "Hyperparameters of each contender; in brackets the study's, where it has another value. Contenders that are not "
-        "in the study's table 5.3 stand alone. Epochs of sil are those of its ppo updates and of imitation."
+        "Hyperparameters of each contender; in brackets the study's, where it has another value. Contenders that are "
+        "not in the study's table 5.3 stand alone. Epochs of sil are those of its ppo updates and of imitation."
     )
     headings = ("level", "contender", *HYPERPARAMETERS)
     return Table("table-5.3", "Table 5.3: hyperparameters", caption, tuple(map(Column, headings)), rows)
@@ -82,7 +82,11 @@ def _differences(results: Results, configs: dict[tuple[Difficulty, str], RunConf
         ]
         if differing:
             lines.append(f"{name} on {level}: {', '.join(differing)}.")
-    yield "What was switched, and what is not as in the study's table:" if lines else "No setting was switched, and all hyperparameters that the study gives are as in its table."
+    yield (
+        "What was switched, and what is not as in the study's table:"
+        if lines
+        else "No setting was switched, and all hyperparameters that the study gives are as in its table."
+    )
     if lines:
         yield Listing(tuple(lines))
 
@@ -102,8 +106,10 @@ def _others(results: Results, configs: dict[tuple[Difficulty, str], RunConfig]) 
         for key, value in flat(config.science).items():
             if key.split(".")[0] not in OF_RUNS and key.split(".")[-1] not in IN_TABLE:
                 values.setdefault(key, {}).setdefault(name, {})[level] = _value(value)
-    rows = [[key, *(_by_level(by_name.get(name, {})) for name in results.contenders)] for key, by_name in values.items()]
-    caption = "All other settings that decide a run's curve, under their names in a run file; – is what a contender lacks."
+    rows = [
+        [key, *(_by_level(by_name.get(name, {})) for name in results.contenders)] for key, by_name in values.items()
+    ]
+    caption = "All other settings that decide a run's curve, under their names in a run file."
     columns = (Column("setting"), *map(Column, results.contenders))
     return Table("table-settings", "Other settings", caption, columns, rows, is_folded=True)
 

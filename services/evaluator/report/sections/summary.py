@@ -7,25 +7,27 @@ from datetime import timedelta
 from importlib.metadata import version
 
 from services.evaluator.report.parts import Listing, Section
-from services.evaluator.report.results import Results, Trained
-from services.evaluator.report.tables import Column, Table
+from services.evaluator.report.results import Results, State, Trained
+from services.evaluator.report.tables import Cell, Column, Table
 
 PACKAGES = ("railctl", "flatland-rl", "torch", "numpy", "scipy", "matplotlib")
-STATES = ("done", "unfinished", "failed", "missing")
+STATES: tuple[State, ...] = ("done", "unfinished", "failed", "missing")
 
 
 def summary(results: Results) -> Section:
     """The first thing to read."""
-    return Section("Summary", (_what(results), Listing(tuple(_lines(results))), _runs(results), Listing(tuple(_by(results)))))
+    return Section(
+        "Summary", (_what(results), Listing(tuple(_lines(results))), _runs(results), Listing(tuple(_by(results))))
+    )
 
 
 def _what(results: Results) -> str:
     many = f"{len(results.runs)} run{'s' * (len(results.runs) != 1)}"
     return (
         f"{many} of {', '.join(results.contenders)} on {', '.join(results.levels)}, with seeds "
-        f"{', '.join(map(str, results.seeds))}. Returns are normalised: the sum of all rewards over trains times step limit, "
-        f"-1 at worst. Curves are compared over {results.episodes} episodes, in {results.points} evaluation points of "
-        f"{results.judgement.block}. Final scores are those of {results.scored_by}."
+        f"{', '.join(map(str, results.seeds))}. Returns are normalised: the sum of all rewards over trains times step "
+        f"limit, -1 at worst. Curves are compared over {results.episodes} episodes, in {results.points} evaluation "
+        f"points of {results.judgement.block}. Final scores are those of {results.scored_by}."
     )
 
 
@@ -49,7 +51,8 @@ def _lines(results: Results) -> Iterator[str]:
     times = {trained.unix_s for trained in results.runs.values() if trained.unix_s}
     if times:
         span = max(end for _, end in times) - min(begun for begun, _ in times)
-        yield f"Time: {_duration(span)} from the first episode to the last, and {_duration(sum(b - a for a, b in times))} if runs are added up, with the pauses that they were in."
+        total = sum(end - begun for begun, end in times)
+        yield f"Time: {_duration(span)} from the first episode to the last; {_duration(total)} if runs are added up."
 
 
 def _duration(seconds: float) -> str:
@@ -57,20 +60,22 @@ def _duration(seconds: float) -> str:
 
 
 def _runs(results: Results) -> Table:
-    rows = []
-    for level in results.levels:
-        for contender in results.contenders:
-            cell = results.cell(contender, level)
-            if cell:
-                states = Counter(trained.state for trained in cell)
-                rows.append([level, contender, len(cell), *(states[state] for state in STATES), _episodes(cell), sum(trained.scored is not None for trained in cell)])
+    rows: list[list[Cell]] = [
+        [level, contender, *_counts(cell)]
+        for level in results.levels
+        for contender in results.contenders
+        if (cell := results.cell(contender, level))
+    ]
     columns = ("level", "contender", "runs", *STATES, "episodes", "scored")
-    caption = "Runs of each contender on each level, how they stand, how many episodes they have trained together, and how many have a final score."
+    caption = "How runs stand, how many episodes they have trained together, and how many have a final score."
     return Table("table-runs", "Runs", caption, tuple(map(Column, columns)), rows)
 
 
-def _episodes(cell: list[Trained]) -> int:
-    return sum(len(trained.returns) for trained in cell)
+def _counts(cell: list[Trained]) -> list[int]:
+    states = Counter(trained.state for trained in cell)
+    episodes = sum(len(trained.returns) for trained in cell)
+    scored = sum(trained.scored is not None for trained in cell)
+    return [len(cell), *(states[state] for state in STATES), episodes, scored]
 
 
 def _by(results: Results) -> Iterator[str]:

@@ -11,62 +11,47 @@ from services.evaluator.report.figures.style import Look
 from services.evaluator.report.parts import Figure, Section
 from services.evaluator.report.results import Results
 
+TITLE = "Training curves"
+COLUMNS = ("runs", "median", "low", "high")
 OPTIMAL = -0.1  # what the study takes for the score of optimal agents
 
 
 def training(results: Results, styles: Mapping[str, Look]) -> Section:
     """Curves of all runs, also of those that are not whole."""
-    runs = {level: {name: _curves(results, name, level) for name in results.contenders} for level in results.levels}
-    known = {
-        level: {name: curves for name, curves in of_level.items() if any(len(curve) for curve in curves)}
-        for level, of_level in runs.items()
-    }
-    if not any(known.values()):
-        text = f"No run has trained a whole evaluation point of {results.judgement.block} episodes yet: there is nothing to draw."
-        return Section("Training curves", (text,))
-    block = results.judgement.block
     points = {
-        level: {name: _summary(curves) for name, curves in of_level.items()} for level, of_level in known.items() if of_level
+        level: {name: found for name in results.contenders if len(found := _points(results, name, level))}
+        for level in results.levels
     }
-    lines = {
-        level: {
-            name: Line(block * np.arange(1, len(found) + 1), found[:, 1], found[:, 2], found[:, 3])
-            for name, found in of_level.items()
-        }
-        for level, of_level in points.items()
-    }
+    if not any(points.values()):
+        text = f"No run has trained a whole evaluation point of {results.judgement.block} episodes yet."
+        return Section(TITLE, (text,))
+    lines = {str(level): {name: _line(results, found) for name, found in of.items()} for level, of in points.items()}
     axes = {"xlabel": "episode", "ylabel": "normalised return", "ylim": (-1.02, 0.02), "xlim": (0, results.episodes)}
-    numbers = {
-        level: {
-            name: dict(zip(("runs", "median", "low", "high"), found.T.tolist(), strict=True)) | {"episode": line[name].x.tolist()}
-            for name, found in points[level].items()
-        }
-        for level, line in lines.items()
-    }
+    counts = [int(found[0, 0]) for of in points.values() for found in of.values()]
+    n = f"n = {max(counts)} runs each" if len(set(counts)) == 1 else f"n = {min(counts)} to {max(counts)} runs"
     caption = (
-        f"Median over runs of the mean return of {block} training episodes, and between the 2.5th and the 97.5th percentile "
-        f"of the runs, shaded ({_counts(known)}). Exploration is part of it, so a network that acts greedily does better. "
-        "Up is better; what is not drawn has not been trained."
+        f"Median over runs of the mean return of {results.judgement.block} training episodes, and, shaded, from the "
+        f"2.5th to the 97.5th percentile of the runs ({n}). Value methods explore while they train, so the first half "
+        "of their curves shows less than they know. Up is better; what is not drawn has not been trained."
     )
+    numbers = {
+        level: {name: dict(zip(COLUMNS, found.T.tolist(), strict=True)) for name, found in of.items()}
+        for level, of in points.items()
+    }
     figure = Figure("figure-5.2", "Figure 5.2: training curves", caption, panels(lines, styles, axes), numbers)
-    return Section("Training curves", (figure,))
+    return Section(TITLE, (figure,))
 
 
-def _curves(results: Results, name: str, level: Difficulty) -> list[NDArray[np.float64]]:
-    return [results.block_means(trained) for trained in results.cell(name, level)]
-
-
-def _summary(curves: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Of curves [P] of different length: runs, median and interval of those that got to a point [P, 4]."""
+def _points(results: Results, name: str, level: Difficulty) -> NDArray[np.float64]:
+    """Of every evaluation point, over the runs that got there, their number, median and interval [P, 4]."""
+    curves = [results.block_means(trained) for trained in results.cell(name, level)]
     rows = []
-    for point in range(max(map(len, curves))):
+    for point in range(max(map(len, curves), default=0)):
         there = [curve[point] for curve in curves if len(curve) > point]
         low, high = np.percentile(there, [2.5, 97.5]) if len(there) > 1 else (np.nan, np.nan)
         rows.append([len(there), np.median(there), low, high])
     return np.array(rows, dtype=np.float64)
 
 
-def _counts(known: Mapping[Difficulty, Mapping[str, list[NDArray[np.float64]]]]) -> str:
-    counts = {sum(len(curve) > 0 for curve in curves) for of_level in known.values() for curves in of_level.values()}
-    least, most = min(counts), max(counts)
-    return f"n = {most} runs each" if least == most else f"n = {least} to {most} runs"
+def _line(results: Results, points: NDArray[np.float64]) -> Line:
+    return Line(results.judgement.block * np.arange(1.0, len(points) + 1), *points[:, 1:].T)

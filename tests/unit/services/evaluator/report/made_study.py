@@ -62,9 +62,24 @@ def make_run(path, returns, *, scored=None, **given):
 
 def evaluation(level, returns):
     """A document as `railctl evaluate --json` prints it."""
-    row = {"level": level, "levels": len(returns), "mean": float(np.mean(returns)), "low": None, "high": None, "std": None}
+    row = {
+        "level": level,
+        "levels": len(returns),
+        "mean": float(np.mean(returns)),
+        "low": None,
+        "high": None,
+        "std": None,
+    }
     row |= {"median": float(np.median(returns)), "arrived_share": 0.75, "all_arrived_share": 0.5, "mean_steps": 100.0}
-    return json.dumps({"checkpoint": "c", "algorithm": "a", "episode": 1, "mode": "greedy", "rows": [row | {"returns": list(returns)}]})
+    return json.dumps(
+        {
+            "checkpoint": "c",
+            "algorithm": "a",
+            "episode": 1,
+            "mode": "greedy",
+            "rows": [row | {"returns": list(returns)}],
+        }
+    )
 
 
 def write_study(path, **given):
