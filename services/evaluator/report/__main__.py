@@ -6,6 +6,7 @@ from pathlib import Path
 
 from matplotlib import rc_context
 
+from common.config import ConfigError
 from common.rows import DamagedRows
 from common.study import StudyFolder
 from common.task import Teller, carry_out, say
@@ -21,6 +22,10 @@ def report(options: argparse.Namespace) -> None:
     study = StudyFolder(options.study) if options.study else None
     results = load_study(study) if study else load_runs(options.run)
     folder = options.output or (study or StudyFolder(Path())).report
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"--output {folder}: {error.strerror}: give a folder that can be made") from None
     with rc_context(SETTINGS):
         computing, drawing = Teller("computing"), Teller("drawing")
         sections, judged = contents(results, lambda done: computing.tell(done, STAGES))

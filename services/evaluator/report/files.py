@@ -22,7 +22,6 @@ def write(
     tell: Callable[[int, int], None],
 ) -> Path:
     """Write every figure as PNG and SVG, every table as CSV, all numbers as `report.json`, and the page."""
-    folder.mkdir(parents=True, exist_ok=True)
     figures = [part for section in sections for part in section.parts if isinstance(part, Figure)]
     tables = [part for section in sections for part in section.parts if isinstance(part, Table)]
     images = {}

@@ -94,10 +94,10 @@ def _of_study(folder: StudyFolder, run: PlannedRun, study: Study) -> Trained:
     if not path.exists():
         return Trained()
     try:
-        config, found = _read_run(path, study.episodes)
+        _config, bare, found = _read_run(path, study.episodes)
     except (ConfigError, DamagedRows) as error:
         return Trained(state="failed", reason=str(error))
-    trained = found.get(run.level, Trained(state="unfinished", config=config))
+    trained = found.get(run.level, bare)
     return replace(trained, scored=_scored(folder.evaluation(run), run.level))
 
 
@@ -123,7 +123,7 @@ def load_runs(paths: Sequence[Path]) -> Results:
     configs: dict[Path, RunConfig] = {}
     found: dict[Path, dict[Difficulty, Trained]] = {}
     for path in paths:
-        configs[path], found[path] = _read_run(path, None)
+        configs[path], _bare, found[path] = _read_run(path, None)
         if not found[path]:
             raise ConfigError(f"run {path} has no trained episodes yet: leave it out")
     names = contenders(configs)
@@ -177,27 +177,30 @@ def _spoken(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value, separators=(",", ":"))
 
 
-def _read_run(path: Path, episodes: int | None) -> tuple[RunConfig, dict[Difficulty, Trained]]:
-    """A run's configuration, and what it has trained on each level; raises as `RunFolder.config` and `read_rows`."""
+def _read_run(path: Path, episodes: int | None) -> tuple[RunConfig, Trained, dict[Difficulty, Trained]]:
+    """A run's configuration, how it stands, and what it has trained on each level so far.
+
+    Raises:
+        ConfigError: as `RunFolder.config`.
+        DamagedRows: as `read_rows`.
+    """
     folder = RunFolder(path)
     config = folder.config()
     rows = read_rows(folder.episodes_file, EpisodeRow)
-    state, reason = _state(folder, done=len(rows) >= (episodes or config.episodes))
     evaluations = read_rows(folder.evaluations_file, EvaluationRow)
-    trained = {}
-    for level in config.mix:
-        ours = [row for row in rows if row.level == level]
-        if ours:
-            trained[level] = Trained(
-                state=state,
-                reason=reason,
-                config=config,
-                returns=np.array([row.normalised_return for row in ours]),
-                unix_s=(rows[0].trained_unix_s - rows[0].acting_s, rows[-1].trained_unix_s),
-                arithmetic=_arithmetic(folder),
-                scored=_last([row for row in evaluations if row.level == level]),
-            )
-    return config, trained
+    state, reason = _state(folder, done=len(rows) >= (episodes or config.episodes))
+    bare = Trained(state=state, reason=reason, config=config, arithmetic=_arithmetic(folder))
+    trained = {
+        level: replace(
+            bare,
+            returns=np.array([row.normalised_return for row in ours]),
+            unix_s=(rows[0].trained_unix_s - rows[0].acting_s, rows[-1].trained_unix_s),
+            scored=_last([row for row in evaluations if row.level == level]),
+        )
+        for level in config.mix
+        if (ours := [row for row in rows if row.level == level])
+    }
+    return config, bare, trained
 
 
 def _state(folder: RunFolder, *, done: bool) -> tuple[State, str]:

@@ -82,14 +82,17 @@ class Results:
         return len(trained.returns) >= self.episodes > 0
 
     def rectangle(self, has: Callable[[Trained], bool]) -> Rectangle | None:
-        """The most levels times seeds for which every contender `has` it; none if there are not any."""
-        best: Rectangle | None = None
-        for size in range(len(self.levels), 0, -1):
-            for levels in combinations(self.levels, size):
-                seeds = tuple(seed for seed in self.seeds if self._all(levels, seed, has))
-                if seeds and (best is None or size * len(seeds) > len(best.levels) * len(best.seeds)):
-                    best = Rectangle(levels, seeds)
-        return best
+        """The most levels times seeds for which every contender `has` it; none if there are not any.
+
+        Two seeds on fewer levels are better than one on more: of a single run nothing can be said about others.
+        """
+        found = [
+            Rectangle(levels, tuple(seed for seed in self.seeds if self._all(levels, seed, has)))
+            for size in range(len(self.levels), 0, -1)
+            for levels in combinations(self.levels, size)
+        ]
+        best = max(found, key=lambda over: (min(len(over.seeds), 2), len(over.levels) * len(over.seeds)))
+        return best if best.seeds else None
 
     def _all(self, levels: Sequence[Difficulty], seed: int, has: Callable[[Trained], bool]) -> bool:
         cells = (self.runs.get(PlannedRun(name, level, seed)) for name in self.contenders for level in levels)

@@ -66,11 +66,11 @@ def reliability(results: Results, over: Rectangle, judged: Document, styles: Map
     """The study's figures of all levels together, then its appendix's, level by level."""
     heading = (
         "The study's four metrics (Chan et al. 2020), as ranks of all runs of all contenders on a level, averaged. The "
-        f"score is {len(results.contenders)} + 1 less the mean rank: the higher the more reliable. Vertical lines are "
-        f"95% intervals of {results.judgement.bootstraps} bootstraps. A horizontal line joins two contenders that "
-        f"differ significantly (permutation tests, {results.judgement.permutations} permutations, corrected for all "
-        "pairs of a panel): by the textbook's Benjamini-Yekutieli at 0.05, by the tool's own rule (0.01, partial "
-        "harmonic sums), or by both."
+        f"score is {len(results.contenders)} + 1 less the mean rank over the number of runs: the higher the more "
+        f"reliable. Vertical lines are 95% intervals of {results.judgement.bootstraps} bootstraps. A horizontal line "
+        f"joins two contenders that differ significantly ({results.judgement.permutations} permutations, corrected "
+        "for all pairs of a panel): by the textbook's Benjamini-Yekutieli at 0.05, by the tool's own rule (0.01, "
+        "partial harmonic sums), or by both."
     )
     together = [_figure(over, judged, styles, metric) for metric in METRICS]
     tables = [_scores(results, judged), _pairs(results, judged)]
@@ -108,7 +108,7 @@ def _figure(over: Rectangle, judged: Document, styles: Mapping[str, Look], metri
     stats = judged["metrics"][metric]["stats"]["all"]
     zones = "in each zone of training" if len(stats) > 1 else "over the whole training"
     caption = (
-        f"{metric}: {what}; less is better, and ranks higher. Scores {zones}, mean over {len(over.levels)} levels, "
+        f"{metric}: {what}; less is better, and ranks higher. Scores {zones}, mean over {', '.join(over.levels)}, "
         f"n = {len(over.seeds)} runs each."
     )
     return Figure(f"figure-{number}", f"Figure {number}: {name}", caption, rankings([_panels(stats)], styles), stats)
