@@ -25,7 +25,9 @@ def report(
 ) -> None:
     """Compare runs: their training curves, reliability, last scores and settings, on a page that needs nothing else."""
     result = _on_runs(runs or [None], output)
-    say(f"report   {result['report']}", result, as_json=as_json)
+    states = ", ".join(f"{count} {state}" for state, count in result["runs"].items())
+    text = f"{result['figures']} figures and {result['tables']} tables on runs: {states}\nreport   {result['report']}"
+    say(text, result, as_json=as_json)
 
 
 def _on_runs(names: list[str] | list[None], output: Path | None) -> dict[str, Any]:

@@ -30,8 +30,9 @@ def report(options: argparse.Namespace) -> None:
         computing, drawing = Teller("computing"), Teller("drawing")
         sections, judged = contents(results, lambda done: computing.tell(done, STAGES))
         path = write(folder, results, sections, judged, drawing.tell)
+    parts = Counter(type(part).__name__ for section in sections for part in section.parts)
     states = Counter(trained.state for trained in results.runs.values())
-    say({"report": str(path), "runs": dict(states), "contenders": results.contenders, "levels": results.levels})
+    say({"report": str(path), "figures": parts["Figure"], "tables": parts["Table"], "runs": dict(states)})
 
 
 def parsed(arguments: list[str] | None = None) -> argparse.Namespace:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -65,7 +65,7 @@ def _draw(axes: Axes, panel: Ranking, styles: Mapping[str, Look]) -> None:
         axes.plot(pair, [y, y], color=INK, linewidth=1.1, linestyle=RULES[panel.pairs[pair]][0])
         axes.plot(pair, [y, y], "|", color=INK, markersize=4)
     axes.set_title(panel.title, loc="left", fontweight="bold")
-    slanted = {"rotation": 30, "ha": "right"} if max(map(len, styles)) > LONG else {}
+    slanted: dict[str, Any] = {"rotation": 30, "ha": "right"} if max(map(len, styles)) > LONG else {}
     axes.set_xticks(range(len(styles)), list(styles), **slanted)
     axes.tick_params(axis="x", length=0)
 

@@ -94,7 +94,7 @@ def write_study(path, **given):
 
 def curve(run: PlannedRun, episodes, quality):
     """Returns that rise from -0.9 towards -0.9 + `quality`, with noise of the run's own."""
-    rng = np.random.default_rng([run.seed, len(run.contender), ord(run.contender[-1]), len(run.level)])
+    rng = np.random.default_rng([run.seed, len(run.contender), ord(run.contender[-1]), ord(run.level[0])])
     rise = quality * (1 - np.exp(-np.arange(episodes) / (0.3 * episodes)))
     drift = 0.05 * rng.normal() + np.cumsum(rng.normal(0, 0.004, episodes))
     return np.clip(-0.9 + rise + drift + rng.normal(0, 0.12, episodes), -1, -0.05)
