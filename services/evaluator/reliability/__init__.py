@@ -1,8 +1,7 @@
 """Reliability of learning curves, after Chan et al. (2020), exactly as their open tool computes it.
 
-How far do returns scatter within a run (DT) and across runs (DR); how deep do they fall from one point to the next
-(SRT), and from the best so far (LRT)? Algorithms are ranked by it, with intervals and tests. `docs/reliability.md` has the
-definitions.
+How far do returns scatter within a run (DT) and across runs (DR)? How deep do they fall from one point to the next
+(SRT), and from the best so far (LRT)? Algorithms are ranked by it, with intervals and tests: `docs/reliability.md`.
 """
 
 from services.evaluator.reliability.curves import Curves, CurvesError

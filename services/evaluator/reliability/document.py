@@ -20,7 +20,7 @@ from services.evaluator.reliability.zones import measured
 INTERVAL = (2.5, 97.5)
 TOLERANCE = 1e-9  # of differences of mean ranks: equal ones may be a rounding error apart
 WITH_RANKS = ("DT", "SRT")
-UNDEFINED = "the zone has no points, or values that are not finite; ranks undefined"
+UNDEFINED = "values that are not finite, or none; ranks undefined"
 PERCENTILES = {"p2.5": 2.5, "p5": 5, "p95": 95, "p97.5": 97.5}
 RULES: dict[str, tuple[Rule, float]] = {
     "by_0.05": ("tool", 0.05),
@@ -32,7 +32,7 @@ RULES: dict[str, tuple[Rule, float]] = {
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # runs without range
-def judge(
+def judge(  # noqa: PLR0913  (what is judged, and how)
     curves: Curves,
     *,
     protocol: Literal["default", "tool"] = "default",

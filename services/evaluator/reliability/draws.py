@@ -18,7 +18,7 @@ TOOL_RESAMPLES = 1000
 
 @dataclass(frozen=True)
 class KeyedDraws:
-    """Levels are drawn independently; p-values count what was observed as one of the permutations."""
+    """A p-value counts what was observed as one more permutation (Phipson & Smyth 2010), so it is never 0."""
 
     runs: int
     bootstraps: int
@@ -35,19 +35,13 @@ class KeyedDraws:
         ordered = np.tile(np.arange(2 * self.runs), (self.permutations, levels, 1))
         return self._stream("permutation", levels).permuted(ordered, axis=-1)
 
-    def choices_of_curves(self, levels: int) -> Ints:
-        return self.choices(levels)
-
-    def shuffles_of_curves(self, levels: int) -> Ints:
-        return self.shuffles(levels)
-
     def _stream(self, purpose: str, levels: int) -> Generator:
         return Generator(Philox(key=stream_key(0, levels, f"reliability-{purpose}")))
 
 
 @dataclass(frozen=True)
 class ToolDraws:
-    """The original's draws; where whole curves are resampled, every level meets the same."""
+    """The original's draws; a p-value is the share of permutations."""
 
     runs: int
     bootstraps = permutations = TOOL_RESAMPLES
@@ -60,12 +54,6 @@ class ToolDraws:
         state = RandomState(0)
         orders = [state.permutation(2 * self.runs) for _ in range(self.permutations * levels)]
         return np.array(orders).reshape(self.permutations, levels, 2 * self.runs)
-
-    def choices_of_curves(self, levels: int) -> Ints:
-        return self.choices(1).repeat(levels, axis=1)
-
-    def shuffles_of_curves(self, levels: int) -> Ints:
-        return self.shuffles(1).repeat(levels, axis=1)
 
 
 Draws = KeyedDraws | ToolDraws

@@ -21,9 +21,9 @@ Tail = Literal["lower", "upper"]
 
 
 def interquartile_range(values: Floats, axis: int = -1) -> Floats:
-    """Distance of the quartiles, linear between values; one axis less."""
-    low, high = np.percentile(values, [25, 75], axis=axis)
-    return np.asarray(high - low)
+    """Distance of the quartiles of an axis, which goes."""
+    ordered = np.moveaxis(np.sort(values, axis=axis), axis, 0)
+    return np.asarray(_quantile(ordered, 0.75) - _quantile(ordered, 0.25))
 
 
 def tail_mean(values: Floats, tail: Tail) -> Floats:
@@ -33,14 +33,11 @@ def tail_mean(values: Floats, tail: Tail) -> Floats:
     """
     if values.shape[-1] == 0:
         return np.full(values.shape[:-1], np.nan)
-    ordered = np.sort(values, axis=-1)
-    place = (ALPHA if tail == "lower" else 1 - ALPHA) * (values.shape[-1] - 1)
-    low, weight = int(place), place % 1
-    quantile = ordered[..., low] if weight == 0 else _between(ordered[..., low], ordered[..., low + 1], weight)
+    ordered = np.moveaxis(np.sort(values, axis=-1), -1, 0)
     if tail == "lower":
-        within = values <= quantile[..., None] + TAIL_TOLERANCE
+        within = values <= _quantile(ordered, ALPHA)[..., None] + TAIL_TOLERANCE
     else:
-        within = values >= quantile[..., None] - TAIL_TOLERANCE
+        within = values >= _quantile(ordered, 1 - ALPHA)[..., None] - TAIL_TOLERANCE
     return np.asarray(np.where(within, values, 0).sum(-1) / within.sum(-1))
 
 
@@ -115,8 +112,13 @@ def risk_across_runs(curves: Curves, switches: Switches) -> Floats:
     return tail_mean(np.moveaxis(points, 2, -1), "lower")
 
 
-def _between(low: Floats, high: Floats, weight: float) -> Floats:
-    return low * (1 - weight) + high * weight
+def _quantile(ordered: Floats, share: float) -> Floats:
+    """Of sorted values along the first axis, linear between them."""
+    place = share * (len(ordered) - 1)
+    low, weight = int(place), place % 1
+    if weight == 0:  # the next value may be infinite, or none
+        return np.asarray(ordered[low])
+    return np.asarray(ordered[low] * (1 - weight) + ordered[low + 1] * weight)
 
 
 def _at_points(curve: Floats, curves: Curves) -> Floats:
@@ -124,11 +126,12 @@ def _at_points(curve: Floats, curves: Curves) -> Floats:
 
 
 def _risk_curve(curves: Curves, switches: Switches) -> Floats:
-    curve = {
-        "eval_points": lambda: curves.means,
-        "moving_average": lambda: moving_average(curves.returns, curves.block),
-        "episodes": lambda: curves.returns,
-    }[switches.risk_curve]()
+    if switches.risk_curve == "eval_points":
+        curve = curves.means
+    elif switches.risk_curve == "moving_average":
+        curve = moving_average(curves.returns, curves.block)
+    else:
+        curve = curves.returns
     return _normalised(curve, curves, switches)
 
 

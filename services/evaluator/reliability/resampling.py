@@ -1,11 +1,11 @@
 """Mean ranks of resampled runs: bootstraps for intervals, permutations for p-values.
 
-"An Introduction to the Bootstrap", Efron & Tibshirani (1993), as Chan et al. (2020) apply it. Metrics of single runs are
-computed once and their values resampled. Those over all runs are computed anew for every sample of curves. Sums of ranks
-are multiples of a half, so they are exact in whatever order they are taken.
+"An Introduction to the Bootstrap", Efron & Tibshirani (1993), as Chan et al. (2020) apply it. Metrics of single runs
+are computed once and their values resampled. Those over all runs are computed anew for every sample of curves. Sums of
+ranks are multiples of a half, so they are exact in whatever order they are taken.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from itertools import combinations
 
 import numpy as np
@@ -14,7 +14,7 @@ from services.evaluator.reliability.curves import Floats, Ints
 from services.evaluator.reliability.draws import Draws, first_halves
 from services.evaluator.reliability.ranks import own_ranks, pooled_ranks, rank_among
 
-CHUNK = 1000  # samples of curves at a time, which bounds memory
+CHUNK = 500  # samples of curves at a time, which bounds memory
 
 Spread = Callable[[Floats, Floats | None], Floats]  # curves [..., R, P] and their ranges [..., R] to values [..., P]
 
@@ -49,34 +49,34 @@ def permuted_runs(worse: Floats, draws: Draws) -> Floats:
     return np.asarray(second / (levels * runs) - first / (levels * runs))
 
 
-def bootstrapped_curves(points: Floats, ranges: Floats | None, spread: Spread, draws: Draws) -> Floats:
-    """Values of drawn curves [n, A, K, P]: from points [A, K, R, P] and what they are divided by [A, K, R]."""
-    algorithms, levels, _, n_points = points.shape
-    choices = draws.choices_of_curves(levels)
-    values = np.empty((draws.bootstraps, algorithms, levels, n_points))
-    for part in _chunks(len(choices)):
-        for algorithm in range(algorithms):
-            for level in range(levels):
-                chosen = (algorithm, level, choices[part, level])
-                values[part, algorithm, level] = spread(points[chosen], None if ranges is None else ranges[chosen])
-    return values
+def bootstrapped_curves(points: Floats, ranges: Floats | None, spread: Spread, choices: Ints) -> Floats:
+    """Values of drawn curves [n, A, K, P]: from points [A, K, R, P], what they are divided by [A, K, R], draws [n, R].
+
+    As in the original, every level meets the same draws: a run is drawn with its curves on all levels.
+    """
+    parts = []
+    for chosen in _chunks(choices):
+        drawn = points[:, :, chosen]  # [A, K, n, R, P]
+        values = spread(drawn, None if ranges is None else ranges[:, :, chosen])
+        parts.append(np.moveaxis(values, 2, 0))
+    return np.concatenate(parts)
 
 
 def permuted_curves(points: Floats, ranges: Floats | None, spread: Spread, shuffles: Ints) -> Floats:
-    """Values of two algorithms [n, 2, K, P] whose curves [2, K, R, P] are dealt out anew, in orders [n, K, 2R]."""
+    """Values of two algorithms [n, 2, K, P] whose curves [2, K, R, P] are dealt out anew, in orders [n, 2R]."""
     _, levels, runs, n_points = points.shape
-    values = np.empty((len(shuffles), 2, levels, n_points))
-    for part in _chunks(len(shuffles)):
-        for level in range(levels):
-            orders = shuffles[part, level].reshape(-1, 2, runs)
-            chosen = points[:, level].reshape(-1, n_points)[orders]
-            theirs = None if ranges is None else ranges[:, level].ravel()[orders]
-            values[part, :, level] = spread(chosen, theirs)
-    return values
+    both = points.swapaxes(0, 1).reshape(levels, 2 * runs, n_points)
+    theirs = None if ranges is None else ranges.swapaxes(0, 1).reshape(levels, 2 * runs)
+    parts = []
+    for shuffle in _chunks(shuffles):
+        dealt = shuffle.reshape(-1, 2, runs)
+        values = spread(both[:, dealt], None if theirs is None else theirs[:, dealt])  # [K, n, 2, P]
+        parts.append(np.moveaxis(values, 0, 2))
+    return np.concatenate(parts)
 
 
 def bootstrapped_rank(worse: Floats, samples: Floats) -> Floats:
-    """Mean rank of each algorithm [A, n] if its own penalty alone is a sample: of penalties [A, K], samples [n, A, K]."""
+    """Mean rank of each algorithm [A, n] if its penalty alone is a sample: of penalties [A, K], samples [n, A, K]."""
     return np.array(
         [
             rank_among(samples[:, algorithm], np.delete(worse, algorithm, axis=0)).mean(1)
@@ -97,5 +97,5 @@ def permuted_difference(worse: Floats, pair: tuple[int, int], samples: Floats) -
     return np.asarray(ranks[1] - ranks[0])
 
 
-def _chunks(size: int) -> Iterator[slice]:
-    return (slice(start, start + CHUNK) for start in range(0, size, CHUNK))
+def _chunks(samples: Ints) -> Iterator[Ints]:
+    return (samples[start : start + CHUNK] for start in range(0, len(samples), CHUNK))

@@ -53,13 +53,13 @@ class CurveSamples:
         def by_zone(values: Floats) -> dict[str, Floats]:
             return penalties_by_zone(values, "DR", zones, switches)
 
-        self._bootstrapped = by_zone(bootstrapped_curves(points, ranges, dispersion_of_runs, draws))
+        self._bootstrapped = by_zone(bootstrapped_curves(points, ranges, dispersion_of_runs, draws.choices(1)[:, 0]))
         if switches.dr_center:
             points = points - points.mean(2, keepdims=True)
-        algorithms, levels = points.shape[:2]
-        shuffles = draws.shuffles_of_curves(levels)
+        shuffles = draws.shuffles(1)[:, 0]
+        self._permutations = len(shuffles)
         self._permuted = []
-        for pair in pairs_of(algorithms):
+        for pair in pairs_of(len(points)):
             theirs = None if ranges is None else ranges[list(pair)]
             self._permuted.append(by_zone(permuted_curves(points[list(pair)], theirs, dispersion_of_runs, shuffles)))
 
@@ -67,6 +67,7 @@ class CurveSamples:
         return bootstrapped_rank(worse, self._bootstrapped[zone][:, :, levels])
 
     def permuted(self, worse: Floats, zone: str, levels: Sequence[int]) -> Floats:
-        samples = [of_pair[zone][:, :, levels] for of_pair in self._permuted]
-        pairs = pairs_of(len(worse))
-        return np.array([permuted_difference(worse, pair, ours) for pair, ours in zip(pairs, samples, strict=True)])
+        differences = np.empty((len(self._permuted), self._permutations))
+        for row, (pair, samples) in enumerate(zip(pairs_of(len(worse)), self._permuted, strict=True)):
+            differences[row] = permuted_difference(worse, pair, samples[zone][:, :, levels])
+        return differences

@@ -14,35 +14,32 @@ from services.evaluator.reliability.zones import measured
 
 @np.errstate(divide="ignore", invalid="ignore")  # runs without range
 def sensitivity(curves: Curves) -> list[dict[str, Any]]:
-    """Mean ranks over all levels, one switch moved at a time from its default, for each metric and zone.
+    """Mean ranks over all levels, for each metric, each position of each switch (all others at their default) and zone.
 
-    Rows {metric, zone, switch, value, mean_rank [A], order_changed}, those at defaults with switch and value None. Where
-    ranks are undefined they are "nan", and whether the order changed is None.
+    Rows {metric, switch, value, zone, mean_rank [A], order_changed}; the order is compared with that of the defaults.
+    Where ranks are undefined they are "nan", and whether the order changed is None.
     """
     rows = []
     for metric, names in APPLY.items():
         defaults = _mean_ranks(curves, metric, Switches())
-        settings: list[tuple[str | None, Any]] = [(None, None)]
-        settings += [(name, value) for name in names for value in _other_positions(name)]
-        for switch, value in settings:
-            changed = _mean_ranks(curves, metric, Switches() if switch is None else Switches(**{switch: value}))
+        for switch, value in ((name, value) for name in names for value in _positions(name)):
+            ranks = _mean_ranks(curves, metric, Switches.model_validate({switch: value}))
             rows += [
                 {
                     "metric": metric,
-                    "zone": zone,
                     "switch": switch,
                     "value": value,
-                    "mean_rank": plain(ranks),
-                    "order_changed": _order_changed(defaults[zone], ranks),
+                    "zone": zone,
+                    "mean_rank": plain(ranks[zone]),
+                    "order_changed": _order_changed(defaults[zone], ranks[zone]),
                 }
-                for zone, ranks in changed.items()
+                for zone in defaults
             ]
     return rows
 
 
-def _other_positions(switch: str) -> list[Any]:
-    field = Switches.model_fields[switch]
-    return [value for value in get_args(field.annotation) or (True, False) if value != field.default]
+def _positions(switch: str) -> tuple[str | bool, ...]:
+    return get_args(Switches.model_fields[switch].annotation) or (True, False)
 
 
 def _mean_ranks(curves: Curves, metric: str, switches: Switches) -> dict[str, Floats]:

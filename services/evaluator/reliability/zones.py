@@ -1,6 +1,7 @@
 """Zones of training (its beginning, middle and end), and what a metric comes to in each."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -50,12 +51,12 @@ def evaluation_points(curves: Curves, metric: str, switches: Switches) -> list[i
 def zone_points(points: list[int], zones: int) -> list[list[int]]:
     """Which points lie in each zone, by index.
 
-    The original divides the distance from the first point to the last into equal lengths, but counts these from 0. So it
-    cuts evenly only if the first point is 0: 15 points are 5, 5 and 5 then, and 4, 5 and 6 if they start at 1.
+    The original divides the distance from the first point to the last into equal lengths, but counts these from 0. So
+    it cuts evenly only if the first point is 0: 15 points are 5, 5 and 5 then, and 4, 5 and 6 if they start at 1.
     """
     length = (points[-1] - points[0]) / zones
     cuts = [0, *(sum(point < zone * length for point in points) for zone in range(1, zones)), len(points)]
-    return [list(range(start, end)) for start, end in zip(cuts, cuts[1:], strict=False)]
+    return [list(range(start, end)) for start, end in pairwise(cuts)]
 
 
 def penalties_by_zone(values: Floats, metric: str, zones: Zones, switches: Switches) -> dict[str, Floats]:

@@ -15,6 +15,7 @@ import pytest
         ("deploy.resolve", 1),
         ("deploy.plan", 1),
         ("deploy.show", 2),
+        ("deploy.judged", 2),
     ],
 )
 def test_examples_in_docstrings_are_true(module, examples):

@@ -60,6 +60,16 @@ def test_where_reports_go_and_what_is_said(runs, monkeypatch):
     ("arguments", "code", "text"),
     [
         (["three"], 2, "no run named 'three': known are new, one, two"),
+        (
+            ["one", "--switch", "zones=tool"],
+            2,
+            "--random-protocol and --switch are for --curves: give a file, or leave them out",
+        ),
+        (
+            ["one", "--curves", "a.npz"],
+            2,
+            "--curves a.npz is judged alone, and printed: leave runs and --output out",
+        ),
         (["new"], 2, "run runs/new has no trained episodes yet: leave it out"),
         (["one", "two"], 2, "runs runs/one and runs/two are both ppo on hard with seed 1: leave one of them out"),
         (
