@@ -5,12 +5,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from common.checkpoint import CheckpointError
-from common.config import ConfigError, nearest
+from common.config import ConfigError, Mode, nearest
 from common.levels import files
 from common.levels.chunks import BankError
 from common.levels.files import LevelFileError
@@ -18,6 +18,7 @@ from common.levels.held_out import HELD_OUT_LEVELS
 from common.levels.level import Level
 from common.levels.supply import LevelSupply
 from common.policy.checkpoints import SavedPolicy, load_policy
+from common.policy.compiled import Twin
 from common.policy.player import MAX_TRAINS, player
 from common.task import Teller, carry_out, say
 from services.evaluator.runner import Score, UnplayableLevelError, evaluate, greedy, sampled
@@ -37,15 +38,12 @@ class Group:
 def score(options: argparse.Namespace) -> None:
     """Score the checkpoint on all groups of levels."""
     saved = load_policy(options.checkpoint)
-    if options.sample and not saved.has_probabilities:
-        raise ConfigError(
-            f"--sample: {saved.algorithm} learns action values, which are no probabilities to draw from: leave it out"
-        )
+    draws = draws_seed(options, saved)
     groups = drawn(options, saved) if options.levels is None else list(recorded(options.levels, options.level))
     rows = []
     for group in groups:
         try:
-            rows.append(row(group, saved, options))
+            rows.append(row(group, saved.twin, draws))
         except UnplayableLevelError as error:
             raise UnplayableLevelError(f"{options.levels or 'evaluation levels'}: {group.name}, {error}") from error
     say(
@@ -53,10 +51,29 @@ def score(options: argparse.Namespace) -> None:
             "checkpoint": str(options.checkpoint),
             "algorithm": saved.algorithm,
             "episode": saved.episode,
-            "mode": "sample" if options.sample else "greedy",
+            "mode": "greedy" if draws is None else "sample",
+            "draws": draws,
             "rows": rows,
         }
     )
+
+
+def draws_seed(options: argparse.Namespace, saved: SavedPolicy) -> int | None:
+    """The seed of what is drawn in choosing actions, none for greedy play; unless asked otherwise as in the run.
+
+    Raises:
+        ConfigError: there are no probabilities to draw from, or nothing is drawn.
+    """
+    if options.mode == "sample" and not saved.has_probabilities:
+        raise ConfigError(
+            f"--sample: {saved.algorithm} learns action values, which are no probabilities to draw from: leave it out"
+        )
+    if (options.mode or saved.mode) == "sample":
+        return saved.seed if options.draws is None else int(options.draws)
+    if options.draws is not None:
+        remedy = "add --sample, or leave it out" if saved.has_probabilities else "leave it out"
+        raise ConfigError(f"--draws {options.draws}: greedy play draws nothing: {remedy}")
+    return None
 
 
 def drawn(options: argparse.Namespace, saved: SavedPolicy) -> list[Group]:
@@ -95,10 +112,10 @@ def recorded(path: Path, names: list[str] | None) -> Iterator[Group]:
         yield Group(name, levels, len(levels), max(level.n_trains for level in levels))
 
 
-def row(group: Group, saved: SavedPolicy, options: argparse.Namespace) -> dict[str, Any]:
-    """Play a group and sum up."""
+def row(group: Group, twin: Twin, draws: int | None) -> dict[str, Any]:
+    """Play a group and sum up; `draws`: see `draws_seed`."""
     playing, teller = player("compiled", group.most_trains), Teller(group.name)
-    policy = sampled(playing, saved.twin, options.seed) if options.sample else greedy(playing, saved.twin)
+    policy = greedy(playing, twin) if draws is None else sampled(playing, twin, draws)
     teller.tell(0, group.count)
     result = evaluate(policy, group.levels, lambda done: teller.tell(done, group.count))
     return {"level": group.name, "levels": group.count, **summary(result)}
@@ -129,7 +146,8 @@ def parsed(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--levels", type=Path, help="a file of levels; default: evaluation levels")
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--sample", action="store_true")
+    parser.add_argument("--mode", choices=get_args(Mode), help="default: as its run scores the checkpoint")
+    parser.add_argument("--draws", type=int, help="seed of sampling; default: the run's")
     parser.add_argument("--bank", type=Path)
     return parser.parse_args(arguments)
 

@@ -16,6 +16,7 @@ import pytest
         ("deploy.plan", 1),
         ("deploy.show", 2),
         ("deploy.judged", 2),
+        ("deploy.output", 1),
     ],
 )
 def test_examples_in_docstrings_are_true(module, examples):
