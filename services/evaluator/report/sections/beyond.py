@@ -14,6 +14,7 @@ from services.evaluator.report.figures.lines import Line, panels
 from services.evaluator.report.figures.style import Look
 from services.evaluator.report.parts import Figure, Part, Section
 from services.evaluator.report.results import Rectangle, Results
+from services.evaluator.report.sections.reliability import zone_title
 from services.evaluator.report.sections.training import OPTIMAL
 from services.evaluator.report.tables import NOTHING, Cell, Column, Interval, Table
 
@@ -180,7 +181,8 @@ def _paired(scores: Scores, over: Rectangle) -> Iterator[Part]:
 def _sensitivity(results: Results, found: Sequence[Mapping[str, Any]]) -> Table:
     rows: list[list[Cell]] = [
         [
-            *(row[key] for key in ("metric", "zone")),
+            row["metric"],
+            zone_title(row["zone"], results.judgement.zones),
             *(_spoken(row[key]) for key in ("switch", "value")),
             *map(float, row["mean_rank"]),  # "nan" where there are none
             CHANGED[row["order_changed"]],

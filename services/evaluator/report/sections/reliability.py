@@ -1,6 +1,6 @@
 """Figures 5.3 to 5.6 and .1 to .4: reliability while training, as rankings."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from services.evaluator.report.figures.rankings import Ranking, Rule, rankings
@@ -92,15 +92,20 @@ def _panel(title: str, stats: Document) -> Ranking:
     return Ranking(title, stats["bar_height"], intervals, rules(stats))
 
 
-def _zone(name: str, of: Sequence[str]) -> str:
-    if name == "whole":
+def zone_title(zone: str, zones: int) -> str:
+    """What a zone of so many is called.
+
+    >>> zone_title("zone1", 3), zone_title("zone1", 4), zone_title("whole", 1)
+    ('Middle', 'Zone 2', 'Whole training')
+    """
+    if zone == "whole":
         return "Whole training"
-    number = list(of).index(name)
-    return ZONES[number] if len(of) == len(ZONES) else f"Zone {number + 1}"
+    number = int(zone.removeprefix("zone"))
+    return ZONES[number] if zones == len(ZONES) else f"Zone {number + 1}"
 
 
 def _panels(stats: Mapping[str, Document], prefix: str = "") -> list[Ranking]:
-    return [_panel(prefix + _zone(zone, list(stats)), found) for zone, found in stats.items()]
+    return [_panel(prefix + zone_title(zone, len(stats)), found) for zone, found in stats.items()]
 
 
 def _figure(over: Rectangle, judged: Document, styles: Mapping[str, Look], metric: str) -> Figure:
@@ -138,7 +143,7 @@ def _by_level(over: Rectangle, judged: Document, styles: Mapping[str, Look], num
 def _scores(results: Results, judged: Document) -> Table:
     """All bars of the four figures as numbers."""
     found = [
-        (f"{metric} {_zone(zone, list(stats))}" if len(stats) > 1 else metric, _panel("", of_zone))
+        (f"{metric} {zone_title(zone, len(stats))}" if len(stats) > 1 else metric, _panel("", of_zone))
         for metric in METRICS
         for stats in [judged["metrics"][metric]["stats"]["all"]]
         for zone, of_zone in stats.items()
@@ -160,7 +165,7 @@ def _pairs(results: Results, judged: Document) -> Table:
             for i, j, _, p, d in of_zone["pairs"]:
                 rule = differing.get((i, j), "neither")
                 names = results.contenders[i], results.contenders[j]
-                rows.append([metric, _zone(zone, list(stats)), *names, d, p, rule])
+                rows.append([metric, zone_title(zone, len(stats)), *names, d, p, rule])
     headings = ("metric", "zone", "x", "y")
     columns = (*map(Column, headings), Column("x ahead by", ".2f"), Column("p", ".4f"), Column("differs by"))
     caption = "Every pair of figures 5.3 to 5.6: by how many ranks x is ahead of y, p of the permutation test, and by "

@@ -22,9 +22,8 @@ def summary(results: Results) -> Section:
 
 
 def _what(results: Results) -> str:
-    many = f"{len(results.runs)} run{'s' * (len(results.runs) != 1)}"
     return (
-        f"{many} of {', '.join(results.contenders)} on {', '.join(results.levels)}, with seeds "
+        f"{many(len(results.runs))} of {', '.join(results.contenders)} on {', '.join(results.levels)}, with seeds "
         f"{', '.join(map(str, results.seeds))}. Returns are normalised: the sum of all rewards over trains times step "
         f"limit, -1 at worst. Curves are compared over {results.episodes} episodes, in {results.points} evaluation "
         f"points of {results.judgement.block}. Final scores are those of {results.scored_by}."
@@ -55,6 +54,10 @@ def _lines(results: Results) -> Iterator[str]:
         yield f"Time: {_duration(span)} from the first episode to the last; {_duration(total)} if runs are added up."
 
 
+def many(count: int) -> str:
+    return "1 run" if count == 1 else f"{count} runs"
+
+
 def _duration(seconds: float) -> str:
     return str(timedelta(seconds=round(seconds)))
 
@@ -82,6 +85,6 @@ def _by(results: Results) -> Iterator[str]:
     """What runs were computed with, and this report."""
     computers = Counter(trained.arithmetic for trained in results.runs.values() if trained.arithmetic)
     for arithmetic, count in sorted(computers.items()):
-        yield f"Computed with {', '.join(f'{key} {value}' for key, value in arithmetic)}: {count} runs."
+        yield f"Computed with {', '.join(f'{key} {value}' for key, value in arithmetic)}: {many(count)}."
     packages = ", ".join(f"{package} {version(package)}" for package in PACKAGES)
     yield f"This report: {packages}, Python {platform.python_version()}."

@@ -192,9 +192,9 @@ def test_switches_that_turn_the_order_are_marked():
     runs = {(name, "easy", 1): trained() for name in "xy"}
     table = beyond(results(runs, episodes=0), None, rows, looks("xy")).parts[-1]
     assert table.shown() == [
-        ["DT", "zone0", "as above", "as above", "1.00", "2.00", "no"],
-        ["DT", "zone0", "dt_detrend", "false", "2.00", "1.00", "yes"],
-        ["DT", "zone0", "normalize", "x", "-", "-", "-"],
+        ["DT", "Zone 1", "as above", "as above", "1.00", "2.00", "no"],
+        ["DT", "Zone 1", "dt_detrend", "false", "2.00", "1.00", "yes"],
+        ["DT", "Zone 1", "normalize", "x", "-", "-", "-"],
     ]
 
 
@@ -215,7 +215,7 @@ def test_the_summary_names_what_is_missing():
         "Done, but without a final score: dqn-easy-1.",
         "Reference policies without a score: random on easy.",
         "Time: 1:01:30 from the first episode to the last; 1:01:00 if runs are added up.",
-        "Computed with torch 2: 1 runs.",
+        "Computed with torch 2: 1 run.",
     ]
     assert lines[-1].startswith("This report: railctl ")
     assert only(section, Table).rows == [["easy", "dqn", 4, 1, 1, 1, 1, 7, 0]]

@@ -6,6 +6,7 @@ import numpy as np
 
 from services.evaluator.report import tables
 from services.evaluator.report.figures import style
+from services.evaluator.report.sections import reliability
 from services.evaluator.report.tables import Beside, Column, Interval, Spread, Table
 
 ROWS = [
@@ -48,5 +49,5 @@ def test_csv_has_a_column_for_each_number_of_any_row():
 
 
 def test_examples_in_docstrings_are_true():
-    assert [doctest.testmod(module).failed for module in (tables, style)] == [0, 0]
-    assert [doctest.testmod(module).attempted for module in (tables, style)] == [1, 1]
+    tried = [doctest.testmod(module) for module in (tables, style, reliability)]
+    assert [(each.failed, each.attempted) for each in tried] == [(0, 1)] * 3
