@@ -138,7 +138,7 @@ def load_runs(paths: Sequence[Path]) -> Results:
                     "leave one of them out"
                 )
             runs[run], whose[run] = trained, path
-    return _of_runs(paths, runs)
+    return _of_runs(list(found), runs)
 
 
 def _of_runs(paths: Sequence[Path], runs: dict[PlannedRun, Trained]) -> Results:

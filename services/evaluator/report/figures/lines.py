@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from services.evaluator.report.figures.style import FAINT, Look, canvas, spread
+from services.evaluator.report.figures.style import FAINT, Look, canvas, inches, lined, spread
 
 Floats = NDArray[np.float64]
 LABEL_GAP = 0.055  # of the height of a panel
@@ -36,7 +36,7 @@ def panels(
 
     Names stand at the ends of their lines, or in a corner if these `ends_meet`.
     """
-    figure, [row] = canvas(4.6 * len(lines) + 0.6 * (len(lines) == 1), 3.9, 1, len(lines), sharey=True)
+    figure, [row] = canvas((4.1 + inches(styles)) * len(lines) + 0.6, 3.9, 1, len(lines), sharey=True)
     for number, (axes, (title, ours)) in enumerate(zip(row, lines.items(), strict=True)):
         axes.set(**(axes_of_all if number == 0 else {**axes_of_all, "ylabel": ""}))
         axes.set_title(title, loc="left", fontweight="bold")
@@ -57,7 +57,7 @@ def _draw(axes: Axes, name: str, line: Line, look: Look) -> None:
     axes.plot(
         line.x,
         line.y,
-        label=name,
+        label=lined([name])[0],
         linestyle=look.dash,
         color=look.colour,
         linewidth=1.8,
@@ -75,11 +75,12 @@ def _name_ends(axes: Axes, lines: Mapping[str, Line], styles: Mapping[str, Look]
     drawn = {name: line for name, line in lines.items() if len(line.x)}
     ends = [float(line.y[-1] - low) / (high - low) for line in drawn.values()]
     right = axes.get_xlim()[1]
-    for (name, line), place in zip(drawn.items(), spread(ends, LABEL_GAP, 0.0, 1.0), strict=True):
+    gap = LABEL_GAP * max(name.count("\n") + 1 for name in lined(drawn))
+    for (name, line), place in zip(drawn.items(), spread(ends, gap, 0.0, 1.0), strict=True):
         look = styles[name]
         at = axes.get_yaxis_transform()  # x in shares of the panel, y in data
         height = low + place * (high - low)
         axes.plot([line.x[-1], right], [line.y[-1], line.y[-1]], color=FAINT, linewidth=0.4, alpha=0.6)
         axes.plot([1, 1.04], [line.y[-1], height], color=FAINT, linewidth=0.6, transform=at, clip_on=False)
         axes.plot([1.06], [height], look.marker, color=look.colour, markersize=5, transform=at, clip_on=False)
-        axes.text(1.09, height, name, transform=at, va="center", fontsize=8)
+        axes.text(1.09, height, lined([name])[0], transform=at, va="center", fontsize=8, linespacing=1.0)

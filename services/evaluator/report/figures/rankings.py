@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from services.evaluator.report.figures.style import INK, Look, canvas
+from services.evaluator.report.figures.style import INK, Look, below, canvas, inches, lined
 
 Rule = Literal["both", "textbook", "tool"]
 RULES: dict[Rule, tuple[str, str]] = {
@@ -18,7 +18,7 @@ RULES: dict[Rule, tuple[str, str]] = {
 }
 LANES = 0.75  # from the number of contenders to the lowest line, in ranks
 STEP = 0.3  # between two lines
-LONG = 7  # letters of a name that do not fit below a bar
+BAR_INCHES = 0.62  # with the gap to the next
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ def rankings(rows: Sequence[Sequence[Ranking]], styles: Mapping[str, Look]) -> F
     n_columns, n = len(rows[0]), len(styles)
     highest = max(lane for row in rows for panel in row for lane in (0, *lanes(panel.pairs).values()))
     top = n + LANES + STEP * (highest + 1)
-    width = max(3.4, 0.62 * n + 0.9)
-    figure, axes = canvas(width * n_columns, (1.3 + 0.3 * top) * len(rows) + 0.4, len(rows), n_columns, sharey=True)
+    width, height = max(3.4, BAR_INCHES * n + 0.9), 1.2 + 0.3 * top + min(inches(styles), 2.0)
+    figure, axes = canvas(width * n_columns, height * len(rows) + 0.3, len(rows), n_columns, sharey=True)
     for panels, places in zip(rows, axes, strict=True):
         for number, (panel, place) in enumerate(zip(panels, places, strict=True)):
             _draw(place, panel, styles)
@@ -65,8 +65,7 @@ def _draw(axes: Axes, panel: Ranking, styles: Mapping[str, Look]) -> None:
         axes.plot(pair, [y, y], color=INK, linewidth=1.1, linestyle=RULES[panel.pairs[pair]][0])
         axes.plot(pair, [y, y], "|", color=INK, markersize=4)
     axes.set_title(panel.title, loc="left", fontweight="bold")
-    slanted: dict[str, Any] = {"rotation": 30, "ha": "right"} if max(map(len, styles)) > LONG else {}
-    axes.set_xticks(range(len(styles)), list(styles), **slanted)
+    axes.set_xticks(range(len(styles)), lined(styles), **below(styles, BAR_INCHES))
     axes.tick_params(axis="x", length=0)
 
 

@@ -1,6 +1,6 @@
 """How contenders look everywhere: a colour, and a dash, a marker and a hatch for whoever sees no colour."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from typing import Any
@@ -12,6 +12,7 @@ COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#0
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (8, 2)), (0, (3, 1, 1, 1, 1, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 HATCHES = ("", "//", "..", "\\\\", "xx", "--", "oo", "++")
+LETTER_INCHES = 0.075
 INK, FAINT = "#222222", "#888888"
 
 SETTINGS = {
@@ -50,6 +51,24 @@ def looks(names: Sequence[str]) -> dict[str, Look]:
         )
         for number, name in enumerate(names)
     }
+
+
+def lined(names: Iterable[str]) -> list[str]:
+    """Names as they stand in a figure: settings that they hold below each other."""
+    return [name.replace(" ", "\n") for name in names]
+
+
+def inches(names: Iterable[str]) -> float:
+    """How wide the widest of these is as `lined`."""
+    return LETTER_INCHES * max(len(line) for name in lined(names) for line in name.split("\n"))
+
+
+def below(names: Iterable[str], width: float) -> dict[str, Any]:
+    """How names stand below places that are so many inches wide: upright ones lie down as they grow longer."""
+    needed = inches(names)
+    if needed <= width:
+        return {"rotation": 0, "ha": "center"}
+    return {"rotation": 30, "ha": "right"} if needed <= 2 * width else {"rotation": 90, "ha": "center"}
 
 
 def canvas(

@@ -183,7 +183,8 @@ def _sensitivity(results: Results, found: Sequence[Mapping[str, Any]]) -> Table:
         [
             row["metric"],
             zone_title(row["zone"], results.judgement.zones),
-            *(_spoken(row[key]) for key in ("switch", "value")),
+            row["switch"],
+            str(row["value"]).lower(),  # as it is given
             *map(float, row["mean_rank"]),  # "nan" where there are none
             CHANGED[row["order_changed"]],
         ]
@@ -199,8 +200,3 @@ def _sensitivity(results: Results, found: Sequence[Mapping[str, Any]]) -> Table:
         "above, and whether that changes the order of contenders: a ranking that turns with a switch says little."
     )
     return Table("table-sensitivity", "Sensitivity of rankings", caption, columns, rows)
-
-
-def _spoken(value: Any) -> str:
-    """A switch or its value; rows without are as the figures above."""
-    return "as above" if value is None else str(value).lower()

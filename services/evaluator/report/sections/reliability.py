@@ -95,10 +95,10 @@ def _panel(title: str, stats: Document) -> Ranking:
 def zone_title(zone: str, zones: int) -> str:
     """What a zone of so many is called.
 
-    >>> zone_title("zone1", 3), zone_title("zone1", 4), zone_title("whole", 1)
-    ('Middle', 'Zone 2', 'Whole training')
+    >>> zone_title("zone1", 3), zone_title("zone1", 4), zone_title("whole", 3), zone_title("zone0", 1)
+    ('Middle', 'Zone 2', 'Whole training', 'Whole training')
     """
-    if zone == "whole":
+    if zone == "whole" or zones == 1:
         return "Whole training"
     number = int(zone.removeprefix("zone"))
     return ZONES[number] if zones == len(ZONES) else f"Zone {number + 1}"
@@ -113,8 +113,8 @@ def _figure(over: Rectangle, judged: Document, styles: Mapping[str, Look], metri
     stats = judged["metrics"][metric]["stats"]["all"]
     zones = "in each zone of training" if len(stats) > 1 else "over the whole training"
     caption = (
-        f"{metric}: {what}; less is better, and ranks higher. Scores {zones}, mean over {', '.join(over.levels)}, "
-        f"n = {len(over.seeds)} runs each."
+        f"{metric}: {what}; less of it is better, and ranks higher. Scores {zones}, mean over "
+        f"{', '.join(over.levels)}, n = {len(over.seeds)} runs each."
     )
     return Figure(f"figure-{number}", f"Figure {number}: {name}", caption, rankings([_panels(stats)], styles), stats)
 
@@ -127,7 +127,7 @@ def _by_level(over: Rectangle, judged: Document, styles: Mapping[str, Look], num
     if by_zone:
         rows = [_panels(zones, f"{level}: ") for level, zones in stats.items()]
     else:
-        rows = [[_panel(level, zones["whole"]) for level, zones in stats.items()]]
+        rows = [[_panel(level, whole) for level, zones in stats.items() for whole in zones.values()]]
     caption = (
         f"As figure {METRICS[metric][2]}, {'a row' if by_zone else 'a panel'} a level. n = {len(over.seeds)} runs each."
     )

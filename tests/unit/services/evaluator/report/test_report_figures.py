@@ -10,7 +10,7 @@ from matplotlib import rc_context
 
 from services.evaluator.report.figures.lines import Line, panels
 from services.evaluator.report.figures.rankings import Ranking, lanes, rankings
-from services.evaluator.report.figures.style import SETTINGS, image, looks, spread
+from services.evaluator.report.figures.style import SETTINGS, below, image, inches, looks, spread
 
 NAMES = ["dqn", "ddqn", "dddqn", "ppo", "ppor", "sil"]
 
@@ -41,6 +41,12 @@ def test_lines_in_a_lane_never_touch(pairs):
         if found[one] == found[other]:
             assert one[1] < other[0] or other[1] < one[0]
     assert set(found.values()) == set(range(len(set(found.values()))))
+
+
+def test_long_names_are_turned_where_there_is_no_room():
+    assert inches(["dddqn", "dqn a=1 bc=10"]) == inches(["dddqn"]) == pytest.approx(0.375)  # settings stand below
+    turned = [below([name], width=0.4)["rotation"] for name in ("dddqn", "dddqn-per", "dqn dqn.batch_size=64")]
+    assert turned == [0, 30, 90]
 
 
 def drawing():

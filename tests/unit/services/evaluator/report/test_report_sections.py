@@ -183,7 +183,7 @@ def test_pairs_within_seeds_are_worked_by_hand():
 
 def test_switches_that_turn_the_order_are_marked():
     cases = [
-        (None, None, [1.0, 2.0], False),
+        ("dt_detrend", True, [1.0, 2.0], False),
         ("dt_detrend", False, [2.0, 1.0], True),
         ("normalize", "x", ["nan", "nan"], None),
     ]
@@ -192,7 +192,7 @@ def test_switches_that_turn_the_order_are_marked():
     runs = {(name, "easy", 1): trained() for name in "xy"}
     table = beyond(results(runs, episodes=0), None, rows, looks("xy")).parts[-1]
     assert table.shown() == [
-        ["DT", "Zone 1", "as above", "as above", "1.00", "2.00", "no"],
+        ["DT", "Zone 1", "dt_detrend", "true", "1.00", "2.00", "no"],
         ["DT", "Zone 1", "dt_detrend", "false", "2.00", "1.00", "yes"],
         ["DT", "Zone 1", "normalize", "x", "-", "-", "-"],
     ]
