@@ -8,6 +8,7 @@ import pytest
 from common.study import Judgement, PlannedRun
 from deploy.resolve import resolve
 from services.evaluator.report import published
+from services.evaluator.report.contents import contents
 from services.evaluator.report.figures.style import looks
 from services.evaluator.report.parts import Figure, Listing
 from services.evaluator.report.results import Rectangle, Results, Scored, Trained
@@ -142,6 +143,20 @@ def test_why_there_are_no_rankings():
     short = results(one, episodes=3)
     assert "need 2 evaluation points of 3 episodes" in why_not(short, Rectangle(("easy",), (1, 2)))
     assert why_not(results(one), Rectangle(("easy",), (1, 2))) is None
+
+
+def test_a_study_of_one_zone_has_one_panel_a_level():
+    rng = np.random.default_rng(1)
+    cells = [(name, level, seed) for name in ("dqn", "ppo") for level in ("easy", "hard") for seed in (1, 2)]
+    found = replace(
+        results({cell: trained(*-rng.random(6)) for cell in cells}),
+        judgement=Judgement(block=3, zones=1, bootstraps=10, permutations=10),
+    )
+    sections, _judged = contents(found, lambda _done: None)
+    figures = {part.name: part for section in sections for part in section.parts if isinstance(part, Figure)}
+    titles = {name: [axes.get_title(loc="left") for axes in figures[name].drawing.axes] for name in figures}
+    assert titles["figure-5.3"] == titles["figure-5.5"] == ["Whole training"]
+    assert titles["figure-appendix-1"] == titles["figure-appendix-3"] == ["easy", "hard"]
 
 
 def test_what_is_compared_is_said():
