@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # One thread a process for numerics, and arithmetic that does not depend on memory alignment.
 TEST_ENVIRONMENT := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 MKL_CBWR=AUTO,STRICT
 
-.PHONY: install demo check test parity soak clean
+.PHONY: install demo check test parity browser soak clean
 
 install: $(VENV)/installed
 
@@ -29,10 +29,14 @@ check: install
 	$(BIN)/lint-imports
 
 test: check
-	$(TEST_ENVIRONMENT) $(BIN)/pytest -n 2 --dist loadfile -m 'not slow and not parity'
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -n 2 --dist loadfile -m 'not slow and not parity and not browser'
 
 parity: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m parity tests/parity
+
+# Needs Chromium (Debian: apt-get install chromium); leaves screenshots in .browser.
+browser: install
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -m browser --basetemp .browser tests/unit/services/evaluator/report
 
 soak: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m slow

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from common.config import DIFFICULTIES, MAX_ACTORS, ConfigError, RunConfig, nearest, parse_config, section_of
+from common.config import DIFFICULTIES, MAX_ACTORS, ConfigError, RunConfig, flat, nearest, parse_config, section_of
 
 Plain = dict[str, Any]
 OPTIONAL_SECTIONS = ("dqn", "ppo", "sil", "replay")  # an algorithm has those that its preset has
@@ -186,16 +186,4 @@ def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Plain:
     for key, value in above.items():
         under = result.get(key)
         result[key] = merge(under, value) if isinstance(under, dict) and isinstance(value, dict) else value
-    return result
-
-
-def flat(data: Mapping[str, Any], prefix: str = "") -> Plain:
-    """Nested keys as dotted ones.
-
-    >>> flat({"a": {"b": 1}, "c": 2})
-    {'a.b': 1, 'c': 2}
-    """
-    result: Plain = {}
-    for key, value in data.items():
-        result |= flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
     return result

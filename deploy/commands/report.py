@@ -1,4 +1,4 @@
-"""railctl report: how reliably algorithms learn."""
+"""railctl report: figures and tables on runs, side by side, or how reliable given learning curves are."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,28 +8,61 @@ import typer
 from common.config import ConfigError, nearest
 from deploy.judged import TITLES, judged_parts
 from deploy.output import AsJson, console, one_line_errors, say
+from deploy.runs import find_run
 from deploy.task import run_task
 
-JUDGE = "services.evaluator.reliability"
+JUDGE, REPORTER = "services.evaluator.reliability", "services.evaluator.report"
 PROTOCOLS = ["default", "tool"]
 
 
 @one_line_errors
 def report(
-    curves: Annotated[Path, typer.Option(metavar="FILE", help="Judge the learning curves of a .npz file.")],
+    runs: Annotated[
+        list[str] | None, typer.Argument(metavar="RUN...", help="Names or folders of runs; default: the newest.")
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Where it goes; default: report, in the run's folder if it is one."),
+    ] = None,
+    curves: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Judge the learning curves of a .npz file instead.")
+    ] = None,
     random_protocol: Annotated[
-        str, typer.Option(help="default, or tool: resample exactly as the original tool does.")
-    ] = PROTOCOLS[0],
+        str | None, typer.Option(help="Of --curves: default, or tool: resample exactly as the original tool does.")
+    ] = None,
     switch: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME=VALUE", help="Another reading of the metrics (docs/reliability.md); may be repeated."
+            metavar="NAME=VALUE",
+            help="Of --curves: another reading of the metrics (docs/reliability.md); may be repeated.",
         ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Rank algorithms by how reliably they learn, with 95% intervals and tests of all pairs."""
-    report_curves(curves, random_protocol, switch or [], as_json=as_json)
+    """Compare runs on a page that needs nothing else, or rank algorithms by how reliably they learn."""
+    if curves is None:
+        if random_protocol or switch:
+            raise ConfigError("--random-protocol and --switch are for --curves: give a file, or leave them out")
+        report_runs(runs or [None], output, as_json=as_json)
+    else:
+        if runs or output:
+            raise ConfigError(f"--curves {curves} is judged alone, and printed: leave runs and --output out")
+        report_curves(curves, random_protocol or PROTOCOLS[0], switch or [], as_json=as_json)
+
+
+def report_runs(names: list[str] | list[None], output: Path | None, *, as_json: bool) -> None:
+    """Make the page on runs.
+
+    Raises:
+        ConfigError: there is no such run, or they do not go together.
+        Failed: one cannot be read.
+    """
+    folders = [find_run(name).path for name in names]
+    folder = output or (folders[0] / "report" if len(folders) == 1 else Path("report"))
+    result = run_task(REPORTER, *(part for run in folders for part in ("--run", str(run))), "--output", str(folder))
+    states = ", ".join(f"{count} {state}" for state, count in result["runs"].items())
+    text = f"{result['figures']} figures and {result['tables']} tables on runs: {states}\nreport   {result['report']}"
+    say(text, result, as_json=as_json)
 
 
 def report_curves(curves: Path, random_protocol: str, switches: list[str], *, as_json: bool) -> None:

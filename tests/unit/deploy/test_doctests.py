@@ -9,9 +9,10 @@ import pytest
 @pytest.mark.parametrize(
     ("module", "examples"),
     [
+        ("common.config", 1),
         ("common.wire.keys", 2),
         ("common.wire.codec", 2),
-        ("deploy.resolve", 2),
+        ("deploy.resolve", 1),
         ("deploy.plan", 1),
         ("deploy.show", 2),
         ("deploy.commands.references", 2),
