@@ -13,6 +13,7 @@ from deploy.commands.pause import pause
 from deploy.commands.resume import resume
 from deploy.commands.scale import scale
 from deploy.commands.status import status
+from deploy.commands.study import app as study
 from deploy.commands.tail import tail
 from deploy.commands.up import up
 
@@ -26,6 +27,7 @@ app = typer.Typer(
 for verb in (up, status, tail, logs, scale, pause, resume, checkpoint, down, evaluate, doctor, bench):
     app.command()(verb)
 app.add_typer(levels, name="levels")
+app.add_typer(study, name="study")
 
 
 def main() -> None:
