@@ -28,7 +28,7 @@ class RunsAlreadyError(Exception):
 
 @contextmanager
 def sole(folder: Folder, name: str) -> Iterator[None]:
-    """Be the only process of this name in the folder, for as long as the block lasts; the kernel frees a dead one's lock.
+    """Be the only process of this name there for as long as the block lasts; the kernel frees a dead one's lock.
 
     Raises:
         RunsAlreadyError: another process has the name.

@@ -133,8 +133,8 @@ class Dispatcher:
                 event = Ended(event.job, "failed", f"its supervisor was killed {losses} times")
         if event.outcome == "failed":
             self.failures[event.job] = event.reason
-        outcome = event.outcome
-        self.states[event.job] = "waiting" if outcome in ("lost", "stopped") else outcome
+        after: dict[str, State] = {"done": "done", "failed": "failed"}
+        self.states[event.job] = after.get(event.outcome, "waiting")
         return self._fill() if was_running else []
 
     def _fill(self) -> list[Order]:
