@@ -92,7 +92,7 @@ class Clusters:
 
     def end(self) -> None:
         """Leave no process behind, whatever happened."""
-        for path in self.root.iterdir():
+        for path in [config.parent for config in self.root.rglob("config.yaml")]:
             while processes := living(RunFolder(path)):
                 for pid in processes.values():
                     os.kill(pid, signal.SIGKILL)

@@ -13,7 +13,7 @@ from deploy.output import AsJson, console, one_line_errors
 from deploy.runs import runs_root
 from deploy.show import duration
 from deploy.study.described import configurations, find_study, named
-from deploy.study.estimate import CALIBRATED_EPISODES, Cell, Rate, run_seconds, seconds_left
+from deploy.study.estimate import Cell, Rate, calibration_of, run_seconds, seconds_left
 from deploy.study.levels import missing_levels
 from deploy.study.progress import Looking, StudyProgress
 from deploy.study.work import alone, calibrate, cores_of
@@ -75,7 +75,7 @@ def _print(study: Study, document: dict[str, Any], cores: int) -> None:
     for column in ("ms/episode", "a run", "measured on"):
         table.add_column(column, justify="right")
     for cell in document["cells"]:
-        source = "a run of it" if cell["measured_on"] == "run" else f"{CALIBRATED_EPISODES} episodes"
+        source = "a run of it" if cell["measured_on"] == "run" else f"{calibration_of(study).episodes} episodes"
         took = (f"{cell['episode_s'] * 1000:.0f}", duration(cell["run_s"]), source)
         table.add_row(cell["contender"], cell["level"], *took)
     console.print(table)

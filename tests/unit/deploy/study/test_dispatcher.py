@@ -104,7 +104,9 @@ def test_a_stop_before_anything_goes_on_is_the_end():
 
 
 def test_the_longest_runs_of_a_seed_come_first_and_what_lives_before_all():
-    runs = [job for job in in_order(STUDY, {("a", "easy"): 5.0, ("b", "easy"): 9.0}, {A2}) if isinstance(job, PlannedRun)]
+    runs = [
+        job for job in in_order(STUDY, {("a", "easy"): 5.0, ("b", "easy"): 9.0}, {A2}) if isinstance(job, PlannedRun)
+    ]
     assert runs == [A2, B1, A1, PlannedRun("b", "easy", 2)]
     jobs = in_order(STUDY, {("b", "easy"): 9.0}, set())
     assert [job for job in jobs if isinstance(job, PlannedRun)][:2] == [A1, B1]  # of a nothing is known

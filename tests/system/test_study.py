@@ -1,0 +1,132 @@
+"""A study whose numbers are the same, whatever is killed on the way."""
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import pytest
+import yaml
+
+from common.folder import RunFolder
+from common.locks import holder, living
+from common.study import StudyFolder, planned_runs, read_study
+from deploy.follow import wait_until
+
+STUDY = {
+    "contenders": [
+        {"name": "per", "algorithm": "dddqn", "settings": {"replay": "prioritized", "dqn": {"batch_size": 32}}},
+        {"name": "ppo", "algorithm": "ppo"},
+    ],
+    "levels": ["easy"],
+    "seeds": [3],
+    "episodes": 20,
+    "settings": {"evaluation": {"every_episodes": 20, "levels": 2}, "cluster": {"snapshot_every_episodes": 4}},
+    "evaluation": {"episodes": 5},
+    "references": ["random"],
+    "judgement": {"block": 4},
+}
+NOT_OF_THE_CURVE = {"actor", "acting_s", "trained_unix_s", "evaluated_unix_s", "evaluating_s"}
+
+
+@pytest.fixture(scope="module")
+def described(tmp_path_factory):
+    path = tmp_path_factory.mktemp("studies") / "small.yaml"
+    path.write_text(yaml.safe_dump(STUDY))
+    return path
+
+
+def folder_of(clusters, name) -> StudyFolder:
+    return StudyFolder(clusters.root / name)
+
+
+def numbers(folder: StudyFolder) -> dict[str, object]:
+    """All that a study comes to, without who did it and when."""
+    found: dict[str, object] = {}
+    for run in planned_runs(read_study(folder.study_file)):
+        place = RunFolder(folder.run(run))
+        lines = [*place.episodes_file.read_text().splitlines(), *place.evaluations_file.read_text().splitlines()]
+        found[run.name] = [{k: v for k, v in json.loads(line).items() if k not in NOT_OF_THE_CURVE} for line in lines]
+    scores = [*folder.path.glob("evaluations/*.json"), *folder.path.glob("references/*.json")]
+    return found | {path.name: path.read_text() for path in scores}
+
+
+def some_episodes(folder: StudyFolder, count: int) -> bool:
+    return sum(path.read_text().count("\n") for path in folder.runs.glob("*/episodes.jsonl")) >= count
+
+
+def kill_all_of(folder: StudyFolder) -> None:
+    """The command, supervisors, learners, actors: everything at once."""
+    runs = [RunFolder(path.parent) for path in folder.runs.glob("*/config.yaml")]
+    for pid in [holder(folder, "study"), *(pid for run in runs for pid in living(run).values())]:
+        if pid is not None:
+            os.kill(pid, signal.SIGKILL)
+    assert wait_until(lambda: not any(living(run) for run in runs), 10)
+
+
+@pytest.fixture(scope="module")
+def left_alone(clusters, described):
+    output = clusters.railctl("study", "run", str(described)).stdout
+    folder = folder_of(clusters, "small")
+    assert "2 of 2 runs done, 40 of 40 episodes" in output
+    assert f"report   {folder.report}" in output
+    return numbers(folder)
+
+
+def test_a_study_that_is_killed_comes_to_the_same_numbers(clusters, described, left_alone):
+    assert {"per-easy-3", "ppo-easy-3", "per-easy-3.json", "ppo-easy-3.json", "random-easy.json"} == set(left_alone)
+    run, folder = ("study", "run", str(described), "--name", "killed"), folder_of(clusters, "killed")
+    command = clusters.start(*run)
+    assert wait_until(lambda: some_episodes(folder, 6), 60)
+    kill_all_of(folder)
+    command.communicate()
+    status = json.loads(clusters.railctl("study", "status", "killed", "--json").stdout)
+    assert (status["process"], status["runs_done"]) == (None, 0)
+    assert status["episodes"] >= 6
+    clusters.railctl(*run)
+    assert numbers(folder) == left_alone
+    assert not list(folder.runs.glob("*/snapshots/*"))  # runs that are over go nowhere
+    assert "is finished" in clusters.railctl("up", "--name", "killed/runs/ppo-easy-3").stdout
+
+
+def test_only_the_command_is_killed_and_another_one_adopts_its_runs(clusters, described, left_alone):
+    run, folder = ("study", "run", str(described), "--name", "orphaned"), folder_of(clusters, "orphaned")
+    command = clusters.start(*run)
+    assert wait_until(lambda: some_episodes(folder, 2), 60)
+    assert "works on study orphaned already" in clusters.railctl(*run, code=1).stderr
+    command.kill()
+    command.communicate()
+    runs = {path.name: living(RunFolder(path)).get("supervisor") for path in folder.runs.iterdir()}
+    clusters.railctl(*run)
+    assert numbers(folder) == left_alone
+    for name, pid in runs.items():
+        assert f"process {pid}" not in (folder.runs / name / "logs" / "supervisor.log").read_text()
+
+
+def test_ctrl_c_stops_cleanly_and_says_how_to_go_on(clusters, described, left_alone):
+    run, folder = ("study", "run", str(described), "--name", "interrupted"), folder_of(clusters, "interrupted")
+    command = clusters.start(*run)
+    assert wait_until(lambda: some_episodes(folder, 2), 60)
+    command.send_signal(signal.SIGINT)
+    output, errors = command.communicate(timeout=60)
+    assert command.returncode == 0, errors
+    assert f"stopped; railctl study run {described} --name interrupted goes on" in output
+    assert not any(living(RunFolder(path)) for path in folder.runs.iterdir())
+    clusters.railctl(*run)
+    assert numbers(folder) == left_alone
+
+
+def test_a_run_that_cannot_go_on_stops_no_other(clusters, described, left_alone):
+    folder = folder_of(clusters, "small")
+    damaged: Path = folder.runs / "ppo-easy-3"
+    (folder.path / "evaluations" / "ppo-easy-3.json").unlink()
+    rows = (damaged / "episodes.jsonl").read_text()
+    (damaged / "outcome.json").unlink()
+    (damaged / "episodes.jsonl").write_text("nonsense\n" + rows)
+    failed = clusters.railctl("study", "run", str(described), code=1)
+    assert "! ppo-easy-3: learner cannot go on" in failed.stdout
+    assert "1 of study small failed: railctl study run" in failed.stderr
+    assert "1 of 2 runs done, 1 failed" in clusters.railctl("study", "status", "small").stdout
+    (damaged / "episodes.jsonl").write_text(rows)
+    clusters.railctl("study", "run", str(described))
+    assert numbers(folder) == left_alone  # without a snapshot it began anew
