@@ -64,8 +64,10 @@ def test_where_things_lie():
         ({"episodes": 35}, "episodes 35 is not a multiple of judgement.block 10: make one fit the other"),
         (
             {"episodes": 20},
-            "episodes 20 are 2 blocks of judgement.block 10, fewer than judgement.zones 3: "
-            "train longer, or make one of them smaller",
+            (
+                "episodes 20 are 2 blocks of judgement.block 10, fewer than judgement.zones 3: "
+                "train longer, or make one of them smaller"
+            ),
         ),
         ({"evaluation": {"episodes": 1001}}, "evaluation.episodes: input should be less than or equal to 1000"),
     ],

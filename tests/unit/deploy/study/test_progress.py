@@ -50,14 +50,32 @@ def made_run(folder, run, episodes, outcome=None, study=STUDY):
     folder.runs.mkdir(parents=True, exist_ok=True)
     place = new_run(run.name, configurations(study, 1)[run], folder.runs)
     row = {
-        **{"level": run.level, "seed": 1, "return": -0.5, "arrived": 1, "trains": 3, "steps": 9, "decisions": 5},
-        **{"epsilon": 0.1, "weights_version": 1, "digest": "0" * 32, "actor": "actor-easy-0", "acting_s": 0.1},
+        "level": run.level,
+        "seed": 1,
+        "return": -0.5,
+        "arrived": 1,
+        "trains": 3,
+        "steps": 9,
+        "decisions": 5,
+        "epsilon": 0.1,
+        "weights_version": 1,
+        "digest": "0" * 32,
+        "actor": "actor-easy-0",
+        "acting_s": 0.1,
     }
     lines = [json.dumps(row | {"episode": index, "trained_unix_s": 100 + 2.0 * index}) for index in range(episodes)]
     place.episodes_file.write_text("".join(f"{line}\n" for line in lines))
     scored = {
-        **{"episode": episodes, "level": run.level, "mode": "greedy", "levels": 50, "return": -0.5, "mean_steps": 9.0},
-        **{"arrived_share": 0.5, "all_arrived_share": 0.5, "weights_digest": "0" * 32, "evaluated_unix_s": 1.0},
+        "episode": episodes,
+        "level": run.level,
+        "mode": "greedy",
+        "levels": 50,
+        "return": -0.5,
+        "mean_steps": 9.0,
+        "arrived_share": 0.5,
+        "all_arrived_share": 0.5,
+        "weights_digest": "0" * 32,
+        "evaluated_unix_s": 1.0,
     }
     place.evaluations_file.write_text(json.dumps(scored | {"evaluating_s": 5.0}) + "\n")
     if outcome:
@@ -85,8 +103,14 @@ def test_every_state_is_told_from_the_folder(folder):
     assert progress.failures == {"ppo-easy-2": "why"}
     document = status_document(folder, progress, 5.0)
     assert document["cells"][0] == {
-        **{"contender": "dqn", "level": "easy", "episodes": 42},
-        **{"done": 1, "running": 1, "trained": 0, "waiting": 0, "failed": 0},
+        "contender": "dqn",
+        "level": "easy",
+        "episodes": 42,
+        "done": 1,
+        "running": 1,
+        "trained": 0,
+        "waiting": 0,
+        "failed": 0,
     }
     assert (document["process"], document["report"], document["episodes_total"]) == (None, None, 120)
 
