@@ -75,7 +75,7 @@ class Task:
         with self._said, self._complaints:
             _check_end(self._module, self._process.wait(), self._complaints)
             self._said.seek(0)
-            result: dict[str, Any] = json.loads(self._said.read().splitlines()[-1])
+            result: dict[str, Any] = json.loads((self._said.read().splitlines() or ["{}"])[-1])
             return result
 
     def end(self) -> None:
