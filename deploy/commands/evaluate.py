@@ -1,4 +1,4 @@
-"""railctl evaluate: score a checkpoint on levels that training never sees, or on given ones."""
+"""railctl evaluate: score a checkpoint or a reference policy on levels that training never sees, or on given ones."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,6 +8,7 @@ import typer
 from common.config import ConfigError
 from common.levels.bank import bank_root
 from deploy.commands.levels.options import known, option
+from deploy.commands.references import REFERENCE_SCORER, REFERENCES, check_reference, heading
 from deploy.output import AsJson, console, one_line_errors, say
 from deploy.runs import find_checkpoint, runs_root
 from deploy.show import score_table
@@ -20,43 +21,60 @@ EPISODES, SEED = 100, 0
 @one_line_errors
 def evaluate(
     checkpoint: Annotated[
-        str, typer.Argument(metavar="CHECKPOINT", help="A .safetensors file, or a run: its newest checkpoint.")
+        str,
+        typer.Argument(
+            metavar="CHECKPOINT|POLICY",
+            help="A .safetensors file, or a run: its newest checkpoint; or a reference policy: "
+            + ", ".join(REFERENCES)
+            + ".",
+        ),
     ],
     level: Annotated[
         list[str] | None,
         typer.Option(
             help="easy, medium or hard, or a group of --levels; may be repeated; "
-            "default: what it was trained on, or all groups."
+            "default: what it was trained on, for a reference policy all three, or all groups."
         ),
     ] = None,
     episodes: Annotated[int | None, typer.Option(help=f"Evaluation levels of each; default: {EPISODES}.")] = None,
     seed: Annotated[
         int | None,
         typer.Option(
-            help="Of the levels, and of the draws of --sample; default: 0, whose levels all runs are evaluated on."
+            help="Of the levels, and of the draws of --sample, random and planner; "
+            "default: 0, whose levels all runs are evaluated on."
         ),
     ] = None,
     levels: Annotated[Path | None, typer.Option(metavar="FILE", help="Play the levels of a .npz file instead.")] = None,
     sample: Annotated[
         bool, typer.Option("--sample", help="Draw actions as the policy's probabilities say, instead of the best.")
     ] = False,
+    orders: Annotated[
+        int | None, typer.Option(help="Of trains, the planner carries out the best plan of so many; default: 50.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Play levels with a checkpoint, and print what becomes of them: a row a difficulty, with its 95% interval."""
-    _check(levels, episodes, seed, sample=sample)
+    """Play levels with a checkpoint or a reference policy, and print what becomes of them.
+
+    A row a difficulty, with its 95% interval.
+    """
+    is_reference = checkpoint in REFERENCES
+    if is_reference:
+        check_reference(checkpoint, levels, seed, orders, sample=sample)
+    elif orders is not None:
+        raise ConfigError("--orders: only planner tries orders of trains: leave it out")
+    _check(levels, episodes, seed, draws=sample or is_reference)
     names = level if levels else [known(name) for name in level or []]
     result = run_task(
-        SCORER,
-        str(find_checkpoint(checkpoint)),
+        *([REFERENCE_SCORER, checkpoint] if is_reference else [SCORER, str(find_checkpoint(checkpoint))]),
         *(part for name in dict.fromkeys(names or []) for part in ("--level", name)),
         *option("--levels", levels),
         *option("--episodes", episodes or EPISODES),
         *option("--seed", seed or SEED),
         *(["--sample"] if sample else []),
+        *option("--orders", orders),
         *option("--bank", bank_root(runs_root())),
     )
-    trained = f"{result['algorithm']} after {result['episode']} episodes, {result['mode']}"
-    say(f"{result['checkpoint']}: {trained}", result, as_json=as_json)
+    say(heading(result), result, as_json=as_json)
     if not as_json:
         console.print(score_table(result["rows"]))
         console.print("return: normalised, mean over levels; low, high: its 95% interval (bootstrap)")
@@ -64,7 +82,7 @@ def evaluate(
             console.print(f"training may know rails of the levels of seed {seed}; those of seed 0 it never sees")
 
 
-def _check(levels: Path | None, episodes: int | None, seed: int | None, *, sample: bool) -> None:
+def _check(levels: Path | None, episodes: int | None, seed: int | None, *, draws: bool) -> None:
     """Raise ConfigError if the options do not go together."""
     if episodes is not None and episodes < 1:
         raise ConfigError(f"--episodes {episodes}: use a number above 0")
@@ -76,5 +94,5 @@ def _check(levels: Path | None, episodes: int | None, seed: int | None, *, sampl
         raise ConfigError(f"--levels {levels}: no such file")
     if episodes is not None:
         raise ConfigError(f"--levels and --episodes: all levels of {levels} are played, leave --episodes out")
-    if seed is not None and not sample:
+    if seed is not None and not draws:
         raise ConfigError("--levels and --seed: greedy play on given levels draws nothing, leave --seed out")

@@ -1,7 +1,7 @@
 """python -m services.evaluator.score CHECKPOINT: scores a checkpoint on levels; how it answers: see `common.task`."""
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from common.checkpoint import CheckpointError
-from common.config import ConfigError, nearest
+from common.config import ConfigError, Difficulty, nearest
 from common.levels import files
 from common.levels.chunks import BankError
 from common.levels.files import LevelFileError
@@ -20,7 +20,7 @@ from common.levels.supply import LevelSupply
 from common.policy.checkpoints import SavedPolicy, load_policy
 from common.policy.player import MAX_TRAINS, player
 from common.task import Teller, carry_out, say
-from services.evaluator.runner import Score, UnplayableLevelError, evaluate, greedy, sampled
+from services.evaluator.runner import Policy, Score, UnplayableLevelError, evaluate, greedy, sampled
 from services.evaluator.statistics import mean_interval
 
 
@@ -41,13 +41,7 @@ def score(options: argparse.Namespace) -> None:
         raise ConfigError(
             f"--sample: {saved.algorithm} learns action values, which are no probabilities to draw from: leave it out"
         )
-    groups = drawn(options, saved) if options.levels is None else list(recorded(options.levels, options.level))
-    rows = []
-    for group in groups:
-        try:
-            rows.append(row(group, saved, options))
-        except UnplayableLevelError as error:
-            raise UnplayableLevelError(f"{options.levels or 'evaluation levels'}: {group.name}, {error}") from error
+    rows = [row(group, saved, options) for group in groups_of(options, saved.trained_on)]
     say(
         {
             "checkpoint": str(options.checkpoint),
@@ -59,8 +53,15 @@ def score(options: argparse.Namespace) -> None:
     )
 
 
-def drawn(options: argparse.Namespace, saved: SavedPolicy) -> list[Group]:
-    """Evaluation levels of difficulties, if none are given of those that were trained on.
+def groups_of(options: argparse.Namespace, difficulties: Sequence[Difficulty]) -> list[Group]:
+    """What is played: groups of a file, or evaluation levels, of the difficulties if `options` name none."""
+    if options.levels is not None:
+        return list(recorded(options.levels, options.level))
+    return drawn(options, options.level or difficulties)
+
+
+def drawn(options: argparse.Namespace, difficulties: Sequence[Difficulty]) -> list[Group]:
+    """Evaluation levels of difficulties.
 
     Raises:
         ConfigError: training may have seen some.
@@ -74,7 +75,7 @@ def drawn(options: argparse.Namespace, saved: SavedPolicy) -> list[Group]:
     supply = LevelSupply.from_folder(options.bank)
     return [
         Group(name, map(partial(supply.evaluation, name, sequence=sequence), range(count)), count, MAX_TRAINS)
-        for name in options.level or saved.trained_on
+        for name in difficulties
     ]
 
 
@@ -96,11 +97,20 @@ def recorded(path: Path, names: list[str] | None) -> Iterator[Group]:
 
 
 def row(group: Group, saved: SavedPolicy, options: argparse.Namespace) -> dict[str, Any]:
-    """Play a group and sum up."""
-    playing, teller = player("compiled", group.most_trains), Teller(group.name)
+    """Play a group with a checkpoint and sum up."""
+    playing = player("compiled", group.most_trains)
     policy = sampled(playing, saved.twin, options.seed) if options.sample else greedy(playing, saved.twin)
+    return played(group, policy, options.levels)
+
+
+def played(group: Group, policy: Policy, path: Path | None) -> dict[str, Any]:
+    """Play a group, of the file of a path if there is one, and sum up."""
+    teller = Teller(group.name)
     teller.tell(0, group.count)
-    result = evaluate(policy, group.levels, lambda done: teller.tell(done, group.count))
+    try:
+        result = evaluate(policy, group.levels, lambda done: teller.tell(done, group.count))
+    except UnplayableLevelError as error:
+        raise UnplayableLevelError(f"{path or 'evaluation levels'}: {group.name}, {error}") from error
     return {"level": group.name, "levels": group.count, **summary(result)}
 
 
@@ -125,13 +135,18 @@ def parsed(arguments: list[str] | None = None) -> argparse.Namespace:
     """What is asked for; none: on this process's own command line."""
     parser = argparse.ArgumentParser(description="Scores a checkpoint.")
     parser.add_argument("checkpoint", type=Path)
+    parser.add_argument("--sample", action="store_true")
+    add_levels(parser)
+    return parser.parse_args(arguments)
+
+
+def add_levels(parser: argparse.ArgumentParser) -> None:
+    """The options that say what is played."""
     parser.add_argument("--level", action="append", help="difficulty or group; may be repeated")
     parser.add_argument("--levels", type=Path, help="a file of levels; default: evaluation levels")
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--sample", action="store_true")
     parser.add_argument("--bank", type=Path)
-    return parser.parse_args(arguments)
 
 
 def main() -> None:

@@ -1,0 +1,43 @@
+"""Planning in several orders of the trains, of which the best plan is carried out.
+
+Prioritised planning finds a plan for an order, not the best one there is: whoever comes first goes as if it were alone.
+"""
+
+import numpy as np
+from numpy.random import Generator, Philox
+from numpy.typing import NDArray
+
+from common.rail.compiled.world import Parts
+from common.seeding import stream_key
+from services.evaluator.references.performing import Act
+from services.evaluator.references.planning import actions_for, plan, room_for
+
+
+def planner(seed: int, orders: int, index: int, parts: Parts) -> Act:
+    """What the trains of a freshly loaded world do after the best of so many plans."""
+    ways = best_ways(seed, orders, index, parts)
+    starts = parts.batch.trains[0, : len(ways)]["start"].copy()
+    actions = actions_for(parts.batch.codes[0], starts, ways)
+    return lambda step: actions[step]
+
+
+def best_ways(seed: int, orders: int, index: int, parts: Parts) -> NDArray[np.int32]:
+    """[N, T + 1]: where trains are after so many steps, NOWHERE off the map.
+
+    The first order is by distance, the nearest to its target first; the others are draws of (seed, index).
+    """
+    world = parts.batch.worlds[0]
+    trains = parts.batch.trains[0, : world["trains"]]
+    steps = int(world["max_steps"])
+    draws = Generator(Philox(key=stream_key(seed, index, "planner-orders")))
+    room = room_for(steps, int(world["cells"]))
+    order = np.argsort(parts.batch.distances[0, np.arange(len(trains)), trains["start"]], kind="stable")
+    ways = np.empty((len(trains), steps + 1), np.int32)
+    best = np.empty_like(ways)
+    least = np.iinfo(np.int64).max
+    for _ in range(orders):
+        spent = plan(parts.batch, order, room, ways, least)
+        if spent < least:
+            best, ways, least = ways, best, spent
+        order = draws.permutation(len(trains))
+    return best

@@ -1,0 +1,41 @@
+"""The reference policies by name, as `services.evaluator.runner` plays them.
+
+| | |
+|---|---|
+| random | any action where a train decides: how an untrained network explores |
+| shortest-path | onward, never waiting for another train; of equally short ways the leftmost |
+| deadlock-avoidance, deadlock-avoidance-entering | see `deadlock_avoidance`; the second with entering prevention |
+| planner | see `planner`: knows all of the level, plans before the first step |
+| alone | every train as if there were no others: a bound that no policy can pass, not a policy |
+"""
+
+from functools import partial
+
+from common.rail.compiled.world import CompiledWorld
+from common.study import Reference
+from services.evaluator.references.deadlock_avoidance import deadlock_avoidance
+from services.evaluator.references.performing import Begin, policy_of
+from services.evaluator.references.planner import planner
+from services.evaluator.references.simple import alone, at_random, shortest_path
+from services.evaluator.runner import Policy
+
+ORDERS = 50
+
+
+def reference_policy(name: Reference, world: CompiledWorld, seed: int = 0, orders: int = ORDERS) -> Policy:
+    """The policy of a name.
+
+    Args:
+        name: see above.
+        world: where it plays, in slot 0.
+        seed: of what it draws; what a level is played with depends on nothing but this and the level's number.
+        orders: of the planner.
+    """
+    begins: dict[Reference, Begin] = {
+        "random": partial(at_random, seed),
+        "shortest-path": shortest_path,
+        "deadlock-avoidance": partial(deadlock_avoidance, entering_prevention=False),
+        "deadlock-avoidance-entering": partial(deadlock_avoidance, entering_prevention=True),
+        "planner": partial(planner, seed, orders),
+    }
+    return alone(policy_of(world, shortest_path)) if name == "alone" else policy_of(world, begins[name])
