@@ -20,7 +20,7 @@ $(VENV)/installed: pyproject.toml constraints.txt
 # Learns more often than the study does, so that the curve rises within 300 episodes.
 demo: install
 	$(BIN)/railctl up --algorithm dddqn --level easy --actors easy=2 --episodes 300 --seed 1 \
-		--set evaluation.every_episodes=50 --set dqn.learn_every_steps=8 --set dqn.target_tau=0.02
+		--set evaluation.every_episodes=50 --set dqn.learn_every_steps=8 --set fragment_steps=8
 
 check: install
 	$(BIN)/ruff check .
