@@ -15,6 +15,8 @@ from common.folder import RunFolder, write_atomically
 from common.locks import holder
 from common.process import Stopping
 from common.study import PlannedRun, Study, StudyFolder
+from deploy.commands.evaluate import SCORER
+from deploy.commands.references import REFERENCE_SCORER
 from deploy.follow import outcome_of
 from deploy.launch import check_existing, new_run, save_config, start_supervisor
 from deploy.runs import Failed, supervised
@@ -34,7 +36,6 @@ from deploy.study.dispatcher import (
 )
 from deploy.task import Task
 
-SCORER = "services.evaluator.score"
 REPORTER = "services.evaluator.report"
 TICK_S = 0.2
 
@@ -126,7 +127,7 @@ class Runner:
                 case Scoring():
                     self._tasks[job] = Task(SCORER, *self._scoring(job.run))
                 case Comparing():
-                    self._tasks[job] = Task(SCORER, job.policy, *self._playing(job.level))
+                    self._tasks[job] = Task(REFERENCE_SCORER, job.policy, *self._playing(job.level))
                 case Reporting():
                     self._tasks[job] = Task(REPORTER, "--study", str(self._folder.path))
         except (ConfigError, Failed, OSError) as error:
