@@ -53,6 +53,10 @@ class StudyProgress:
         return sum(run.episodes for run in self.runs)
 
     @property
+    def is_done(self) -> bool:
+        return self.count("done") == len(self.runs) and all(self.references.values())
+
+    @property
     def failures(self) -> dict[str, str]:
         return {run.run.name: run.reason for run in self.runs if run.state == "failed"}
 

@@ -28,7 +28,9 @@ def status(name: StudyName, as_json: AsJson = False) -> None:
     going = "" if pid is None else f" (process {pid})"
     console.print(f"{study.name}{going}: {headline(progress, left)}", markup=False, soft_wrap=True)
     console.print(cell_table(progress))
+    if progress.references:
+        console.print(f"references: {sum(progress.references.values())} of {len(progress.references)} scored")
     for run, reason in progress.failures.items():
         console.print(f"! {run}: {reason}", markup=False, soft_wrap=True)
-    if pid is None and progress.count("done") < len(progress.runs):
+    if pid is None and not progress.is_done:
         console.print(f"nobody works on it: railctl study run {study.name} goes on", markup=False, soft_wrap=True)

@@ -1,14 +1,11 @@
 """How far a study is, from folders made by hand; and what is expected of the rest."""
 
-import json
-
 import pytest
 
 from common.folder import RunFolder
 from common.locks import sole
 from common.study import FinalEvaluation, PlannedRun, Study, StudyFolder
-from deploy.launch import new_run
-from deploy.study.described import configurations, save_study
+from deploy.study.described import save_study
 from deploy.study.estimate import (
     SCORING_STARTS_S,
     STARTING_S,
@@ -45,57 +42,19 @@ def folder(tmp_path):
     return folder
 
 
-def made_run(folder, run, episodes, outcome=None, study=STUDY):
-    """A run that trained an episode every 2 s, and whose last network was scored on 50 levels in 5 s."""
-    folder.runs.mkdir(parents=True, exist_ok=True)
-    place = new_run(run.name, configurations(study, 1)[run], folder.runs)
-    row = {
-        "level": run.level,
-        "seed": 1,
-        "return": -0.5,
-        "arrived": 1,
-        "trains": 3,
-        "steps": 9,
-        "decisions": 5,
-        "epsilon": 0.1,
-        "weights_version": 1,
-        "digest": "0" * 32,
-        "actor": "actor-easy-0",
-        "acting_s": 0.1,
-    }
-    lines = [json.dumps(row | {"episode": index, "trained_unix_s": 100 + 2.0 * index}) for index in range(episodes)]
-    place.episodes_file.write_text("".join(f"{line}\n" for line in lines))
-    scored = {
-        "episode": episodes,
-        "level": run.level,
-        "mode": "greedy",
-        "levels": 50,
-        "return": -0.5,
-        "mean_steps": 9.0,
-        "arrived_share": 0.5,
-        "all_arrived_share": 0.5,
-        "weights_digest": "0" * 32,
-        "evaluated_unix_s": 1.0,
-    }
-    place.evaluations_file.write_text(json.dumps(scored | {"evaluating_s": 5.0}) + "\n")
-    if outcome:
-        place.outcome_file.write_text(json.dumps({"outcome": outcome, "reason": "why" if outcome == "failed" else ""}))
-    return place
-
-
 def test_a_study_that_has_only_been_saved_waits(folder):
     progress = Looking(folder, STUDY).look()
     assert (progress.count("waiting"), progress.episodes, progress.failures) == (4, 0, {})
     assert progress.references == {("planner", "easy"): False}
 
 
-def test_every_state_is_told_from_the_folder(folder):
+def test_every_state_is_told_from_the_folder(folder, made_run):
     runs = [PlannedRun(name, "easy", seed) for seed in (1, 2) for name in ("dqn", "ppo")]
-    made_run(folder, runs[0], 30, "finished")
+    made_run(folder, STUDY, runs[0], 30, "finished")
     folder.evaluation(runs[0]).write_text("{}")
-    made_run(folder, runs[1], 30, "finished")
-    running = made_run(folder, runs[2], 12)
-    made_run(folder, runs[3], 7, "failed")
+    made_run(folder, STUDY, runs[1], 30, "finished")
+    running = made_run(folder, STUDY, runs[2], 12)
+    made_run(folder, STUDY, runs[3], 7, "failed")
     with sole(RunFolder(running.path), "supervisor"):
         progress = Looking(folder, STUDY).look()
     assert [run.state for run in progress.runs] == ["done", "trained", "running", "failed"]
@@ -115,39 +74,39 @@ def test_every_state_is_told_from_the_folder(folder):
     assert (document["process"], document["report"], document["episodes_total"]) == (None, None, 120)
 
 
-def test_a_stopped_run_waits_with_what_it_has(folder):
-    made_run(folder, PlannedRun("dqn", "easy", 1), 12, "stopped")
-    made_run(folder, PlannedRun("ppo", "easy", 1), 3)  # its supervisor was killed
+def test_a_stopped_run_waits_with_what_it_has(folder, made_run):
+    made_run(folder, STUDY, PlannedRun("dqn", "easy", 1), 12, "stopped")
+    made_run(folder, STUDY, PlannedRun("ppo", "easy", 1), 3)  # its supervisor was killed
     assert [(run.state, run.episodes) for run in Looking(folder, STUDY).look().runs][:2] == [
         ("waiting", 12),
         ("waiting", 3),
     ]
 
 
-def test_damaged_rows_are_a_failure_with_its_reason(folder):
-    place = made_run(folder, PlannedRun("dqn", "easy", 1), 12)
+def test_damaged_rows_are_a_failure_with_its_reason(folder, made_run):
+    place = made_run(folder, STUDY, PlannedRun("dqn", "easy", 1), 12)
     place.episodes_file.write_text("nonsense\n")
     [reason] = Looking(folder, STUDY).look().failures.values()
     assert f"{place.episodes_file} line 1 is not a valid row" in reason
 
 
-def test_what_is_done_is_read_once(folder):
+def test_what_is_done_is_read_once(folder, made_run):
     looking, run = Looking(folder, STUDY), PlannedRun("dqn", "easy", 1)
-    place = made_run(folder, run, 30, "finished")
+    place = made_run(folder, STUDY, run, 30, "finished")
     folder.evaluation(run).write_text("{}")
     assert looking.look().count("done") == 1
     place.outcome_file.unlink()
     assert looking.look().count("done") == 1
 
 
-def test_rates_are_those_of_a_run_that_is_over_or_of_the_short_one(folder):
+def test_rates_are_those_of_a_run_that_is_over_or_of_the_short_one(folder, made_run):
     short = calibration_of(STUDY)
     assert (short.seeds, short.episodes, short.references) == ((1,), 30, ())
     calibration = StudyFolder(folder.calibration)
     for name in ("dqn", "ppo"):
-        made_run(calibration, PlannedRun(name, "easy", 1), 10, "finished", short)
-    made_run(folder, PlannedRun("ppo", "easy", 2), 30, "finished")
-    made_run(folder, PlannedRun("dqn", "easy", 2), 20, "stopped")  # is not over
+        made_run(calibration, short, PlannedRun(name, "easy", 1), 10, "finished")
+    made_run(folder, STUDY, PlannedRun("ppo", "easy", 2), 30, "finished")
+    made_run(folder, STUDY, PlannedRun("dqn", "easy", 2), 20, "stopped")  # is not over
     rates = measured(folder, Looking(folder, STUDY).look())
     assert {cell: (rate.episode_s, rate.level_s, rate.source) for cell, rate in rates.items()} == {
         ("dqn", "easy"): (2.0, 0.1, "calibration"),
@@ -163,17 +122,17 @@ def test_of_what_was_never_measured_nothing_is_known(folder):
     assert seconds_left(progress, {}, cores=2) is None
 
 
-def test_what_is_left_is_shared_by_the_cores(folder):
+def test_what_is_left_is_shared_by_the_cores(folder, made_run):
     final = FinalEvaluation(episodes=100)
     overhead = STARTING_S + SCORING_STARTS_S
     assert run_seconds(RATES, STUDY) == {("dqn", "easy"): overhead + 60 + 1, ("ppo", "easy"): overhead + 30 + 3}
     assert (
         seconds_left(Looking(folder, STUDY).look(), RATES, cores=2) == (2 * (overhead + 61) + 2 * (overhead + 33)) / 2
     )
-    made_run(folder, PlannedRun("dqn", "easy", 1), 30, "finished")
+    made_run(folder, STUDY, PlannedRun("dqn", "easy", 1), 30, "finished")
     folder.evaluation(PlannedRun("dqn", "easy", 1)).write_text("{}")
-    made_run(folder, PlannedRun("ppo", "easy", 1), 30, "finished")
-    made_run(folder, PlannedRun("dqn", "easy", 2), 20, "stopped")
+    made_run(folder, STUDY, PlannedRun("ppo", "easy", 1), 30, "finished")
+    made_run(folder, STUDY, PlannedRun("dqn", "easy", 2), 20, "stopped")
     progress = Looking(folder, STUDY).look()
     scoring = SCORING_STARTS_S + 3
     stopped, whole = overhead + 10 * 2 + 1, overhead + 30 + 3
