@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+from common.config import ConfigError
 from common.folder import RunFolder
 from common.records import EpisodeRow, EvaluationRow
 from common.rows import DamagedRows, read_rows
@@ -70,14 +71,14 @@ def _rate(place: RunFolder, study: Study, source: Literal["run", "calibration"])
     try:
         episodes = read_rows(place.episodes_file, EpisodeRow)
         evaluations = read_rows(place.evaluations_file, EvaluationRow)
-    except DamagedRows:
+        every = place.config().evaluation.every_episodes
+    except (ConfigError, DamagedRows):
         return None
     counted = episodes if source == "run" else episodes[len(episodes) // 2 :]
     if len(counted) < 2 or not evaluations:
         return None
     last = evaluations[-1]
     seconds = episode_seconds([row.trained_unix_s for row in counted])
-    every = place.config().evaluation.every_episodes
     size = _bytes(place, study.episodes / len(episodes), -(-study.episodes // every))
     return Rate(seconds, last.evaluating_s / last.levels, size, source)
 

@@ -1,17 +1,18 @@
 """Carrying out a study, or short runs like its own: what the commands share."""
 
 import os
-from collections.abc import Iterator, Sequence
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console
 
-from common.config import ConfigError
+from common.config import ConfigError, RunConfig
 from common.folder import RunFolder
 from common.levels.bank import bank_root
 from common.locks import RunsAlreadyError, holder, living, sole
 from common.process import Stopping
-from common.study import Study, StudyFolder, planned_runs
+from common.study import PlannedRun, Study, StudyFolder, planned_runs
 from deploy.runs import Failed, runs_root
 from deploy.study.described import configurations
 from deploy.study.dispatcher import Dispatcher, Job, in_order
@@ -65,16 +66,15 @@ def calibrate(folder: StudyFolder, study: Study, cores: int, console: Console) -
     """What runs take, measured; of what nothing is known yet, by short runs, as many at once as there are cores.
 
     Raises:
-        Failed: a short run failed; what is wrong with it is wrong with the study's.
+        Failed: a short run failed, and what is wrong with it is wrong with the study's; or it was stopped.
     """
+    place, short = StudyFolder(folder.calibration), calibration_of(study)
+    forget_others(place, configurations(short, cores))
     progress = Looking(folder, study).look()
     rates = measured(folder, progress)
-    unknown = [cell for cell in progress.cells() if cell not in rates]
-    if not unknown:
+    jobs = [run for run in planned_runs(short) if run[:2] not in rates]
+    if not jobs:
         return rates
-    short = calibration_of(study)
-    jobs = [run for run in planned_runs(short) if run[:2] in unknown]
-    place = StudyFolder(folder.calibration)
     place.runs.mkdir(parents=True, exist_ok=True)
     build_levels(short, configurations(short, cores), bank_root(runs_root()), cores)
     mind = _run(place, short, cores, jobs, console)
@@ -82,8 +82,16 @@ def calibrate(folder: StudyFolder, study: Study, cores: int, console: Console) -
         run, reason = next(iter(mind.failures.items()))
         raise Failed(f"a short run of {run.name} failed: {reason}")
     if mind.stopping:
-        raise KeyboardInterrupt
+        raise Failed(f"stopped: railctl study plan {study.name} goes on with the short runs")
     return measured(folder, progress)
+
+
+def forget_others(place: StudyFolder, configs: Mapping[PlannedRun, RunConfig]) -> None:
+    """Delete short runs of a study that was described otherwise then."""
+    for run, config in configs.items():
+        found = RunFolder(place.run(run))
+        if found.config_file.exists() and found.config().science != config.science and not living(found):
+            shutil.rmtree(found.path)
 
 
 def _run(folder: StudyFolder, study: Study, cores: int, jobs: Sequence[Job], console: Console) -> Dispatcher:

@@ -17,6 +17,7 @@ from deploy.study.dispatcher import Dispatcher, Ended
 from deploy.study.levels import missing_levels
 from deploy.study.runner import Runner
 from deploy.study.view import StudyView
+from deploy.study.work import forget_others
 
 GIVEN = {
     "name": "made",
@@ -115,6 +116,17 @@ def test_status_shows_what_there_is(folder, railctl, made_run):
         "! dqn-easy-2: why",
         "nobody works on it: railctl study run made goes on",
     ]
+
+
+def test_short_runs_of_another_description_are_forgotten(folder, made_run):
+    place = StudyFolder(folder.calibration)
+    kept, other = (made_run(place, STUDY, run, 5) for run in (FIRST, SECOND))
+    text = other.config_file.read_text()
+    assert "hidden:\n  - 128" in text
+    other.config_file.write_text(text.replace("hidden:\n  - 128", "hidden:\n  - 64"))
+    forget_others(place, configurations(STUDY, 1))
+    assert kept.path.exists()
+    assert not other.path.exists()
 
 
 class Heard:
