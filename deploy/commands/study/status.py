@@ -1,16 +1,17 @@
 """railctl study status: how far a study is, from its folder alone."""
 
 import json
-import os
 
+from common.folder import RunFolder
 from common.locks import holder
-from common.study import read_study
+from common.study import StudyFolder, read_study
 from deploy.commands.study.options import StudyName
 from deploy.output import AsJson, console, one_line_errors
 from deploy.study.described import find_folder
 from deploy.study.estimate import measured, seconds_left
-from deploy.study.progress import COMMAND, Looking, status_document
+from deploy.study.progress import COMMAND, Looking, StudyProgress, status_document
 from deploy.study.view import cell_table, headline
+from deploy.study.work import cores_of
 
 
 @one_line_errors
@@ -19,8 +20,7 @@ def status(name: StudyName, as_json: AsJson = False) -> None:
     folder = find_folder(name)
     study = read_study(folder.study_file)
     progress = Looking(folder, study).look()
-    at_once = progress.count("running") or len(os.sched_getaffinity(0))
-    left = seconds_left(progress, measured(folder, progress), at_once)
+    left = seconds_left(progress, measured(folder, progress), _cores(folder, progress))
     if as_json:
         print(json.dumps(status_document(folder, progress, left), indent=2))
         return
@@ -34,3 +34,9 @@ def status(name: StudyName, as_json: AsJson = False) -> None:
         console.print(f"! {run}: {reason}", markup=False, soft_wrap=True)
     if pid is None and not progress.is_done:
         console.print(f"nobody works on it: railctl study run {study.name} goes on", markup=False, soft_wrap=True)
+
+
+def _cores(folder: StudyFolder, progress: StudyProgress) -> int:
+    """Those that the command uses which works on the study, or else all."""
+    running = [run.run for run in progress.runs if run.state == "running"]
+    return RunFolder(folder.run(running[0])).config().cluster.cores if running else cores_of(None)
