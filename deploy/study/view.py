@@ -106,7 +106,8 @@ class StudyView:
         return seconds_left(progress, self._rates, self._cores)
 
     def _panel(self, progress: StudyProgress, left: float | None, mind: Dispatcher) -> RenderableType:
-        bar = ProgressBar(total=len(progress.runs) * self._study.episodes, completed=progress.episodes, width=60)
+        bar = Table.grid()  # a bar does not end its line
+        bar.add_row(ProgressBar(len(progress.runs) * self._study.episodes, progress.episodes, width=60))
         parts: list[RenderableType] = [Text(headline(progress, left)), bar, cell_table(progress)]
         episodes = {run.run: run.episodes for run in progress.runs}
         for job in mind.running():

@@ -185,4 +185,5 @@ def test_the_view_says_what_is_done_and_what_goes_on(folder, made_run, terminal)
     assert "dqn-easy-1: trained" in shown
     assert "0 of 2 runs done, 30 of 60 episodes" in shown
     assert ("dqn-easy-2  0/30 episodes" if terminal else "; now dqn-easy-2") in shown
+    assert ("waiting" in shown) is terminal
     assert "dqn-easy-2: no disk" in shown
