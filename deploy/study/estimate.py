@@ -14,6 +14,7 @@ from common.folder import RunFolder
 from common.records import EpisodeRow, EvaluationRow
 from common.rows import DamagedRows, read_rows
 from common.study import FinalEvaluation, Study, StudyFolder
+from deploy.follow import outcome_of
 from deploy.study.progress import RunProgress, StudyProgress
 
 CALIBRATED_EPISODES = 40  # of a short run; its first half, in which it warms up, does not count
@@ -22,6 +23,7 @@ SCORING_STARTS_S = 4.0  # a process that scores a network, until its first level
 INTERRUPTION_S = 60.0  # between two episodes: the run was not going on
 
 Cell = tuple[str, str]  # contender and level
+Source = Literal["run", "calibration"]
 
 
 class Rate(NamedTuple):
@@ -30,7 +32,7 @@ class Rate(NamedTuple):
     episode_s: float
     level_s: float  # to score a network on one level
     run_bytes: int
-    source: Literal["run", "calibration"]
+    source: Source
 
     def run_s(self, episodes: int, evaluation: FinalEvaluation) -> float:
         """To train so many episodes, and to score the network."""
@@ -55,19 +57,18 @@ def measured(folder: StudyFolder, progress: StudyProgress) -> dict[Cell, Rate]:
     """What is known: of each contender and level the first run that is over, else the short run."""
     rates = {}
     for cell, runs in progress.cells().items():
-        over = [run for run in runs if run.state in ("trained", "done")]
-        short = runs[0].run
-        places = [(folder.run(over[0].run), "run")] if over else []
-        places += [(folder.calibration / "runs" / short.name, "calibration")]
-        for path, source in places:
-            rate = _rate(RunFolder(path), progress.study, "run" if source == "run" else "calibration")
-            if rate is not None:
-                rates[cell] = rate
-                break
+        over = next((folder.run(run.run) for run in runs if run.state in ("trained", "done")), None)
+        short = folder.calibration / "runs" / runs[0].run.name
+        rate = (over and _rate(over, progress.study, "run")) or _rate(short, progress.study, "calibration")
+        if rate is not None:
+            rates[cell] = rate
     return rates
 
 
-def _rate(place: RunFolder, study: Study, source: Literal["run", "calibration"]) -> Rate | None:
+def _rate(path: Path, study: Study, source: Source) -> Rate | None:
+    place = RunFolder(path)
+    if outcome_of(place)[0] != "finished":
+        return None
     try:
         episodes = read_rows(place.episodes_file, EpisodeRow)
         evaluations = read_rows(place.evaluations_file, EvaluationRow)
