@@ -66,7 +66,8 @@ def calibrate(folder: StudyFolder, study: Study, cores: int, console: Console) -
     """What runs take, measured; of what nothing is known yet, by short runs, as many at once as there are cores.
 
     Raises:
-        Failed: a short run failed, and what is wrong with it is wrong with the study's; or it was stopped.
+        Failed: a short run failed, and what is wrong with it is wrong with the study's.
+        KeyboardInterrupt: somebody asked to stop.
     """
     place, short = StudyFolder(folder.calibration), calibration_of(study)
     forget_others(place, configurations(short, cores))
@@ -82,7 +83,7 @@ def calibrate(folder: StudyFolder, study: Study, cores: int, console: Console) -
         run, reason = next(iter(mind.failures.items()))
         raise Failed(f"a short run of {run.name} failed: {reason}")
     if mind.stopping:
-        raise Failed(f"stopped: railctl study plan {study.name} goes on with the short runs")
+        raise KeyboardInterrupt
     return measured(folder, progress)
 
 

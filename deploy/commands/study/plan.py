@@ -10,7 +10,7 @@ from common.levels.bank import bank_root
 from common.study import Study, StudyFolder
 from deploy.commands.study.options import Cores, OtherName, StudyName
 from deploy.output import AsJson, console, one_line_errors
-from deploy.runs import runs_root
+from deploy.runs import Failed, runs_root
 from deploy.show import duration
 from deploy.study.described import configurations, find_study, named
 from deploy.study.estimate import Cell, Rate, calibration_of, run_seconds, seconds_left
@@ -30,7 +30,10 @@ def plan(name: StudyName, cores: Cores = None, other_name: OtherName = None, as_
     folder = StudyFolder(runs_root() / study.name)
     missing = missing_levels(study, configs, bank_root(runs_root()))
     with alone(folder):
-        rates = calibrate(folder, study, used, Console(stderr=True, highlight=False))
+        try:
+            rates = calibrate(folder, study, used, Console(stderr=True, highlight=False))
+        except KeyboardInterrupt:
+            raise Failed(f"stopped: railctl study plan {name} goes on with the short runs") from None
     document = planned(study, Looking(folder, study).look(), rates, used) | {"levels_to_generate": missing}
     if as_json:
         print(json.dumps(document, indent=2))

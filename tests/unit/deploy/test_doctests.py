@@ -14,6 +14,8 @@ import pytest
         ("deploy.resolve", 2),
         ("deploy.plan", 1),
         ("deploy.show", 2),
+        ("deploy.study.estimate", 1),
+        ("deploy.study.levels", 1),
     ],
 )
 def test_examples_in_docstrings_are_true(module, examples):
