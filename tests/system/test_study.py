@@ -96,32 +96,42 @@ def test_a_study_comes_to_the_same_numbers_whatever_is_killed(clusters, describe
 
     command = clusters.start(*run)
     runs = hold(clusters, folder)
-    command.send_signal(signal.SIGINT)
-    output, errors = command.communicate(timeout=60)
-    assert command.returncode == 0, errors
-    assert f"stopped; railctl study run {described} --name killed goes on" in output
-    assert not any(map(living, runs))
-
-    command = clusters.start(*run)
-    assert wait_until(lambda: all("learner" in living(run) for run in runs), 60)
     assert "works on study killed already" in clusters.railctl(*run, code=1).stderr
     status = json.loads(clusters.railctl("study", "status", "killed", "--json").stdout)
     assert (status["process"], status["runs_done"]) == (command.pid, 0)
-    supervisors = [living(run)["supervisor"] for run in runs]
     command.kill()
     command.communicate()
 
     command = clusters.start(*run)  # adopts what lives
     assert wait_until(lambda: holder(folder, "study") == command.pid, 60)
-    assert [living(run)["supervisor"] for run in runs] == supervisors
     let_go(clusters, runs)
     kill_all_of(folder)
     command.communicate()
 
     clusters.railctl(*run)
     assert numbers(folder) == left_alone
+    for one in runs:  # started at the beginning, and when all had been killed
+        log = (one.logs / "supervisor.log").read_text()
+        assert log.count("supervises") <= 2
+        assert "runs already" not in log
     assert not list(folder.runs.glob("*/snapshots/*"))  # runs that are over go nowhere
     assert "is finished" in clusters.railctl("up", "--name", "killed/runs/ppo-easy-3").stdout
+
+
+@pytest.mark.slow
+def test_ctrl_c_stops_cleanly_and_says_how_to_go_on(clusters, described, left_alone):
+    run, folder = ("study", "run", str(described), "--name", "interrupted"), folder_of(clusters, "interrupted")
+    command = clusters.start(*run)
+    runs = hold(clusters, folder)
+    command.send_signal(signal.SIGINT)
+    output, errors = command.communicate(timeout=60)
+    assert command.returncode == 0, errors
+    assert f"stopped; railctl study run {described} --name interrupted goes on" in output
+    assert not any(map(living, runs))
+    for one in runs:
+        one.paused_file.unlink()
+    clusters.railctl(*run)
+    assert numbers(folder) == left_alone
 
 
 @pytest.mark.slow
