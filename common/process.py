@@ -1,5 +1,6 @@
 """What every process of a run shares: clean ends, a log, heartbeats, and its place among the others."""
 
+import errno
 import logging
 import os
 import signal
@@ -24,6 +25,7 @@ STARTING = "starting"  # the state before the heavy imports, which take seconds 
 EXIT_FATAL = 3  # starting this process again cannot help: its supervisor stops the run and shows the last line
 EXIT_RUNS_ALREADY = 4  # another process has the name: its supervisor looks after that one instead
 STRETCH_S = 0.05
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # of what the disk says to a write: a restart would meet it again
 
 
 class Fatal(Exception):  # noqa: N818  (it ends a process)
@@ -91,7 +93,11 @@ def take_place(folder: RunFolder, name: str, role: Role) -> Iterator[Place]:
 
 @contextmanager
 def join(folder: RunFolder, name: str, role: Role, stopping: Stopping) -> Iterator[Place]:
-    """Join the run, having the name's lock: configuration, bus, liveliness token, heartbeat."""
+    """Join the run, having the name's lock: configuration, bus, liveliness token, heartbeat.
+
+    Raises:
+        Fatal: inside, a file of the run could not be written for want of room.
+    """
     config = folder.config()
     endpoint, namespace = folder.endpoint_and_namespace()
     incarnation = uuid.uuid4().hex[:16]
@@ -100,7 +106,13 @@ def join(folder: RunFolder, name: str, role: Role, stopping: Stopping) -> Iterat
         heart = Heart(bus, name, role)
         heart.beat(STARTING)
         log.info("%s started as process %d", name, os.getpid())
-        yield Place(folder, config, name, incarnation, bus, heart, stopping)
+        try:
+            yield Place(folder, config, name, incarnation, bus, heart, stopping)
+        except OSError as error:
+            if error.errno not in NO_ROOM:
+                raise
+            remedy = f"make room, then railctl up --name {folder.path.name} goes on"
+            raise Fatal(f"{folder.path}: {error.strerror}: {remedy}") from None
         log.info("%s ends", name)
 
 

@@ -26,6 +26,7 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]{0,39}$")]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
 MOST_SEEDS = 1000
 Reference = Literal["random", "shortest-path", "deadlock-avoidance", "deadlock-avoidance-entering", "planner", "alone"]
+DRAWING: tuple[Reference, ...] = ("random", "planner")  # references that draw
 
 
 class Contender(Strict):

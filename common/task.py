@@ -59,7 +59,8 @@ def carry_out(work: Callable[[], None], *failures: type[Exception]) -> None:
     except failures as error:
         _end(str(error), FAILED)
     except OSError as error:
-        _end(f"{error.filename}: {error.strerror}", FAILED)
+        where = f"{error.filename}: " if error.filename else ""  # a write does not know
+        _end(f"{where}{error.strerror}", FAILED)
 
 
 def _end(text: str, code: int) -> NoReturn:

@@ -10,6 +10,7 @@ from deploy.commands.evaluate import evaluate
 from deploy.commands.levels import app as levels
 from deploy.commands.logs import logs
 from deploy.commands.pause import pause
+from deploy.commands.report import report
 from deploy.commands.resume import resume
 from deploy.commands.scale import scale
 from deploy.commands.status import status
@@ -24,7 +25,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for verb in (up, status, tail, logs, scale, pause, resume, checkpoint, down, evaluate, doctor, bench):
+for verb in (up, status, tail, logs, scale, pause, resume, checkpoint, down, evaluate, report, doctor, bench):
     app.command()(verb)
 app.add_typer(levels, name="levels")
 app.add_typer(study, name="study")

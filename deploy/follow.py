@@ -2,6 +2,7 @@
 
 import json
 import queue
+import shutil
 import time
 from collections.abc import Callable
 from functools import partial
@@ -70,6 +71,8 @@ def outcome_of(folder: RunFolder) -> tuple[RunState, str]:
         data = json.loads(folder.outcome_file.read_text())
         outcome, reason = data["outcome"], data["reason"]
     except (OSError, ValueError, KeyError, TypeError):
+        if folder.path.exists() and not shutil.disk_usage(folder.path).free:
+            return "stopped", "the disk is full: make room, then railctl up resumes the run"
         return "stopped", "its supervisor ended without a word: railctl up resumes the run"
     return outcome, reason
 

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from common.bus import NoAnswer
 from common.config import ConfigError
+from common.process import NO_ROOM
 from common.rows import DamagedRows
 from common.task import FAILED, WRONG_USAGE
 from deploy.runs import Failed
@@ -31,6 +32,15 @@ def say(text: str, document: Any, *, as_json: bool) -> None:
         console.print(text, markup=False, soft_wrap=True)
 
 
+def counted(number: int, noun: str) -> str:
+    """So many of something.
+
+    >>> counted(1, "level"), counted(0, "level")
+    ('1 level', '0 levels')
+    """
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
 def one_line_errors(command: Callable[P, None]) -> Callable[P, None]:
     """Turn what goes wrong into one line on stderr and an exit code: 2 for wrong usage, 1 for failure."""
 
@@ -47,6 +57,10 @@ def one_line_errors(command: Callable[P, None]) -> Callable[P, None]:
         except BrokenPipeError:
             sys.stderr.close()  # the reader of our output has gone, as in `railctl tail | head`
             sys.exit(0)
+        except OSError as error:
+            if error.errno not in NO_ROOM:
+                raise
+            _end(f"{error.strerror}: make room on the disk, then run it again", FAILED)
 
     return wrapped
 

@@ -68,8 +68,9 @@ def resolve_existing(saved: RunConfig, given: Plain, name: str) -> RunConfig:
     """
     given = spelled_out(given)
     check_sections(given)
+    if given.get("mix", saved.mix) != saved.mix:  # before its actors, which would be missed
+        raise _another_run(name, _told(saved.mix), _told(given["mix"]))
     merged = merge(saved.model_dump(mode="json"), given)
-    merged |= {"mix": given["mix"]} if "mix" in given else {}
     if merged.get("lag") and "fragment_steps" not in given:
         merged["fragment_steps"] = None  # so that what is wrong is the lag
     if "actors" in given.get("cluster", {}):
@@ -78,11 +79,18 @@ def resolve_existing(saved: RunConfig, given: Plain, name: str) -> RunConfig:
     for field, before in flat(saved.science).items():
         now = flat(config.science).get(field)
         if now != before:
-            raise ConfigError(
-                f"run {name} exists with {field} {before}, not {now}: "
-                "leave the option out to go on with it, or give another --name"
-            )
+            raise _another_run(name, f"{field} {before}", str(now))
     return config
+
+
+def _another_run(name: str, before: str, now: str) -> ConfigError:
+    remedy = "leave the option out to go on with it, or give another --name"
+    return ConfigError(f"run {name} exists with {before}, not {now}: {remedy}")
+
+
+def _told(mix: Mapping[Any, float]) -> str:
+    """As the user says it: `level easy`, or a mix."""
+    return f"level {next(iter(mix))}" if list(mix.values()) == [1] else f"mix {dict(mix)}"
 
 
 def spelled_out(given: Plain) -> Plain:

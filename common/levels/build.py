@@ -196,7 +196,7 @@ def main() -> None:
     parser.add_argument("request", type=Path, help='a file of {"root": ..., "difficulty": ..., "seeds": [...]}')
     request = json.loads(parser.parse_args().request.read_text())
     for count in _collecting_garbage_by_chunk(work(Path(request["root"]), request["difficulty"], request["seeds"])):
-        print(count, flush=True)  # noqa: T201  (who started this process counts)
+        os.write(1, b"%d\n" % count)  # workers share the pipe, so a line must be one write
 
 
 if __name__ == "__main__":

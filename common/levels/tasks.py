@@ -88,7 +88,7 @@ def _chosen(options: argparse.Namespace) -> tuple[Level, str]:
         raise LevelFileError(f"{options.file} has no group {name}: it has {', '.join(groups)}")
     if not 0 <= options.index < len(groups[name]):
         raise LevelFileError(
-            f"{options.file} has {len(groups[name])} levels in {name}, so none of index {options.index}"
+            f"{options.file}: no level of index {options.index} in {name}, the last is {len(groups[name]) - 1}"
         )
     return groups[name][options.index], f"{options.file.name}: {name} {options.index}"
 

@@ -7,7 +7,7 @@ from pydantic import BaseModel, ValidationError
 
 from common import checkpoint
 from common.checkpoint import CheckpointError
-from common.config import DIFFICULTIES, Difficulty, NetworkConfig
+from common.config import DIFFICULTIES, Difficulty, Mode, NetworkConfig
 from common.policy.compiled import Twin
 from common.policy.player import network_layout
 
@@ -20,11 +20,17 @@ class SavedPolicy:
     algorithm: str
     episode: int  # episodes of training
     trained_on: tuple[Difficulty, ...]
+    mode: Mode  # how its run scores it
+    seed: int  # of its run, and of the draws with which that scores it
 
     @property
     def has_probabilities(self) -> bool:
         """Whether its outputs say how likely an action is; action values do not."""
         return self.twin.layout.kind == "actor-critic"
+
+
+class _Evaluation(BaseModel):
+    mode: Mode = "greedy"  # as all were before there was a choice
 
 
 class _Science(BaseModel):
@@ -33,6 +39,8 @@ class _Science(BaseModel):
     algorithm: str
     network: NetworkConfig
     mix: dict[Difficulty, float]
+    evaluation: _Evaluation
+    seed: int
 
 
 def load_policy(path: Path) -> SavedPolicy:
@@ -53,4 +61,5 @@ def load_policy(path: Path) -> SavedPolicy:
         raise CheckpointError(f"{path}: tensor {error.args[0]} is missing: use another checkpoint") from None
     except ValueError as error:
         raise CheckpointError(f"{path}: {error}: it is of another observation or version of railctl") from None
-    return SavedPolicy(twin, science.algorithm, episode, tuple(name for name in DIFFICULTIES if name in science.mix))
+    trained_on = tuple(name for name in DIFFICULTIES if name in science.mix)
+    return SavedPolicy(twin, science.algorithm, episode, trained_on, science.evaluation.mode, science.seed)

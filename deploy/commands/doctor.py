@@ -10,6 +10,8 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+from rich.console import Console
+from rich.status import Status
 from rich.table import Table
 
 from common.bus import NoAnswer, open_bus, open_router
@@ -30,7 +32,8 @@ ECHO = Service("doctor", Empty, CommandAnswer)
 @one_line_errors
 def doctor(as_json: AsJson = False) -> None:
     """Check this machine: Python, packages, cores, memory, disk, Zenoh, and arithmetic that repeats."""
-    rows = [_run(check) for check in (_python, _packages, _cores, _memory, _disk, _zenoh, _arithmetic)]
+    with Console(stderr=True).status("") as doing:  # nothing where there is no terminal
+        rows = [_run(check, doing) for check in (_python, _packages, _cores, _memory, _disk, _zenoh, _arithmetic)]
     ok = all(row["ok"] for row in rows)
     if as_json:
         say("", {"ok": ok, "checks": rows}, as_json=True)
@@ -43,8 +46,9 @@ def doctor(as_json: AsJson = False) -> None:
         sys.exit(FAILED)
 
 
-def _run(check: Callable[[], str]) -> dict[str, str | bool]:
+def _run(check: Callable[[], str], doing: Status) -> dict[str, str | bool]:
     name = check.__name__.removeprefix("_")
+    doing.update(f"checks {name}")
     try:
         return {"check": name, "ok": True, "found": check()}
     except Failed as error:

@@ -8,9 +8,9 @@ import typer
 from common.config import ConfigError
 from common.levels.bank import bank_root
 from deploy.commands.levels.options import known, option
-from deploy.commands.references import REFERENCE_SCORER, REFERENCES, check_reference, heading
+from deploy.commands.references import REFERENCE_SCORER, REFERENCES, check_reference, found_checkpoint, heading
 from deploy.output import AsJson, console, one_line_errors, say
-from deploy.runs import find_checkpoint, runs_root
+from deploy.runs import runs_root
 from deploy.show import score_table
 from deploy.task import run_task
 
@@ -39,15 +39,20 @@ def evaluate(
     episodes: Annotated[int | None, typer.Option(help=f"Evaluation levels of each; default: {EPISODES}.")] = None,
     seed: Annotated[
         int | None,
-        typer.Option(
-            help="Of the levels, and of the draws of --sample, random and planner; "
-            "default: 0, whose levels all runs are evaluated on."
-        ),
+        typer.Option(help="Of the levels; default: 0, whose levels all runs are evaluated on."),
     ] = None,
     levels: Annotated[Path | None, typer.Option(metavar="FILE", help="Play the levels of a .npz file instead.")] = None,
     sample: Annotated[
-        bool, typer.Option("--sample", help="Draw actions as the policy's probabilities say, instead of the best.")
-    ] = False,
+        bool | None,
+        typer.Option(
+            "--sample/--greedy",
+            help="Draw actions as the policy's probabilities say, or take the best; default: as its run scores it.",
+        ),
+    ] = None,
+    draws: Annotated[
+        int | None,
+        typer.Option(help="Seed of what --sample, random and planner draw; default: the run's, for the policies 0."),
+    ] = None,
     orders: Annotated[
         int | None, typer.Option(help="Of trains, the planner carries out the best plan of so many; default: 50.")
     ] = None,
@@ -59,18 +64,19 @@ def evaluate(
     """
     is_reference = checkpoint in REFERENCES
     if is_reference:
-        check_reference(checkpoint, levels, seed, orders, sample=sample)
+        check_reference(checkpoint, draws, orders, sample=sample)
     elif orders is not None:
         raise ConfigError("--orders: only planner tries orders of trains: leave it out")
-    _check(levels, episodes, seed, draws=sample or is_reference)
+    _check(levels, episodes, seed, draws, sample=sample)
     names = level if levels else [known(name) for name in level or []]
     result = run_task(
-        *([REFERENCE_SCORER, checkpoint] if is_reference else [SCORER, str(find_checkpoint(checkpoint))]),
+        *([REFERENCE_SCORER, checkpoint] if is_reference else [SCORER, str(found_checkpoint(checkpoint))]),
         *(part for name in dict.fromkeys(names or []) for part in ("--level", name)),
         *option("--levels", levels),
         *option("--episodes", episodes or EPISODES),
         *option("--seed", seed or SEED),
-        *(["--sample"] if sample else []),
+        *option("--mode", None if sample is None else "sample" if sample else "greedy"),
+        *option("--draws", draws),
         *option("--orders", orders),
         *option("--bank", bank_root(runs_root())),
     )
@@ -78,21 +84,27 @@ def evaluate(
     if not as_json:
         console.print(score_table(result["rows"]))
         console.print("return: normalised, mean over levels; low, high: its 95% interval (bootstrap)")
-        if seed and levels is None:
+        if seed and levels is None and not is_reference:
             console.print(f"training may know rails of the levels of seed {seed}; those of seed 0 it never sees")
 
 
-def _check(levels: Path | None, episodes: int | None, seed: int | None, *, draws: bool) -> None:
+def _check(
+    levels: Path | None, episodes: int | None, seed: int | None, draws: int | None, *, sample: bool | None
+) -> None:
     """Raise ConfigError if the options do not go together."""
     if episodes is not None and episodes < 1:
         raise ConfigError(f"--episodes {episodes}: use a number above 0")
     if seed is not None and seed < 0:
         raise ConfigError(f"--seed {seed}: use 0 or a number above")
+    if draws is not None and draws < 0:
+        raise ConfigError(f"--draws {draws}: use 0 or a number above")
+    if draws is not None and sample is False:
+        raise ConfigError(f"--draws {draws} and --greedy: greedy play draws nothing, leave one of them out")
     if levels is None:
         return
     if not levels.is_file():
         raise ConfigError(f"--levels {levels}: no such file")
     if episodes is not None:
         raise ConfigError(f"--levels and --episodes: all levels of {levels} are played, leave --episodes out")
-    if seed is not None and not draws:
-        raise ConfigError("--levels and --seed: greedy play on given levels draws nothing, leave --seed out")
+    if seed is not None:
+        raise ConfigError("--levels and --seed: given levels are not drawn, leave --seed out (--draws is of sampling)")

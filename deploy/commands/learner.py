@@ -12,6 +12,8 @@ TIMEOUT_S = 20.0  # a snapshot is written before the answer
 
 def ask_learner(run: str | None, verb: Literal["pause", "resume", "checkpoint"], *, as_json: bool) -> None:
     """Ask the run's learner and print its answer."""
-    with reach(find_run(run)) as bus:
+    folder = find_run(run)
+    with reach(folder) as bus:
         answer = bus.ask(keys.COMMAND_LEARNER, LearnerCommand(verb=verb), TIMEOUT_S)
-    say(answer.text, answer.model_dump(), as_json=as_json)
+    text = answer.text.replace(str(folder.path.resolve()), str(folder.path))  # as the user calls it
+    say(text, answer.model_dump() | {"text": text}, as_json=as_json)

@@ -1,26 +1,39 @@
 """What `railctl evaluate` does when it is given the name of a reference policy instead of a checkpoint."""
 
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, get_args
 
 from common.config import ConfigError
-from common.study import Reference
+from common.study import DRAWING, Reference
+from deploy.output import counted
+from deploy.runs import find_checkpoint
 
 REFERENCE_SCORER = "services.evaluator.references"
 REFERENCES: tuple[str, ...] = get_args(Reference)
-DRAWING = ("random", "planner")
 
 
-def check_reference(policy: str, levels: Path | None, seed: int | None, orders: int | None, *, sample: bool) -> None:
+def found_checkpoint(name: str) -> Path:
+    """`find_checkpoint`, which in its complaint thinks of the policies, too."""
+    try:
+        return find_checkpoint(name)
+    except ConfigError as error:
+        close = get_close_matches(name, REFERENCES, n=1)
+        hint = f"; did you mean the policy {close[0]}?" if close else ""
+        raise ConfigError(f"{error}{hint}") from None
+
+
+def check_reference(policy: str, draws: int | None, orders: int | None, *, sample: bool | None) -> None:
     """Raise ConfigError if an option is of no use to the policy."""
-    if sample:
-        raise ConfigError(f"--sample: {policy} is no network with probabilities to draw from: leave it out")
+    if sample is not None:
+        given = "--sample" if sample else "--greedy"
+        raise ConfigError(f"{given}: {policy} is no network whose actions could be drawn, or the best: leave it out")
     if orders is not None and policy != "planner":
         raise ConfigError(f"--orders: only planner tries orders of trains, {policy} does not: leave it out")
     if orders is not None and orders < 1:
         raise ConfigError(f"--orders {orders}: use a number above 0")
-    if levels is not None and seed is not None and policy not in DRAWING:
-        raise ConfigError(f"--levels and --seed: {policy} on given levels draws nothing, leave --seed out")
+    if draws is not None and policy not in DRAWING:
+        raise ConfigError(f"--draws {draws}: {policy} draws nothing, leave it out")
 
 
 def heading(result: dict[str, Any]) -> str:
@@ -33,6 +46,7 @@ def heading(result: dict[str, Any]) -> str:
     """
     policy = result.get("policy")
     if policy is None:
-        return f"{result['checkpoint']}: {result['algorithm']} after {result['episode']} episodes, {result['mode']}"
+        trained = f"{result['algorithm']} after {counted(result['episode'], 'episode')}, {result['mode']}"
+        return f"{result['checkpoint']}: {trained}"
     notes = {"planner": f", the best of {result['orders']} orders", "alone": ": every train as if there were no others"}
     return str(policy) + notes.get(policy, "")

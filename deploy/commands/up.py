@@ -13,7 +13,7 @@ from common.rows import read_rows
 from deploy.commands.scale import scale_to
 from deploy.follow import outcome_of
 from deploy.launch import check_existing, fresh_name, new_run, save_config, start_supervisor
-from deploy.output import console, one_line_errors
+from deploy.output import console, counted, one_line_errors
 from deploy.resolve import algorithms, merge, parse_actors, parse_sets, read_file, resolve, resolve_existing
 from deploy.runs import Failed, runs_root, supervised
 from deploy.show import summary
@@ -103,7 +103,7 @@ def conclude(folder: RunFolder) -> None:
         raise Failed(reason)
     if outcome == "stopped":
         console.print(
-            f"stopped after {len(episodes)} episodes; railctl up --name {folder.path.name} goes on",
+            f"stopped after {counted(len(episodes), 'episode')}; railctl up --name {folder.path.name} goes on",
             markup=False,
             soft_wrap=True,
         )

@@ -146,8 +146,7 @@ class Runner:
 
     def _scoring(self, run: PlannedRun) -> list[str]:
         path = self._run(run).checkpoints / f"{self._study.episodes:08d}.safetensors"
-        sample = ["--sample"] if self._configs[run].evaluation.mode == "sample" else []
-        return [str(path), *self._playing(run.level), *sample]
+        return [str(path), *self._playing(run.level)]
 
     def _playing(self, level: str) -> list[str]:
         final = self._study.evaluation

@@ -5,12 +5,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from common.checkpoint import CheckpointError
-from common.config import ConfigError, Difficulty, nearest
+from common.config import ConfigError, Difficulty, Mode, nearest
 from common.levels import files
 from common.levels.chunks import BankError
 from common.levels.files import LevelFileError
@@ -18,6 +18,7 @@ from common.levels.held_out import HELD_OUT_LEVELS
 from common.levels.level import Level
 from common.levels.supply import LevelSupply
 from common.policy.checkpoints import SavedPolicy, load_policy
+from common.policy.compiled import Twin
 from common.policy.player import MAX_TRAINS, player
 from common.task import Teller, carry_out, say
 from services.evaluator.runner import Policy, Score, UnplayableLevelError, evaluate, greedy, sampled
@@ -37,20 +38,39 @@ class Group:
 def score(options: argparse.Namespace) -> None:
     """Score the checkpoint on all groups of levels."""
     saved = load_policy(options.checkpoint)
-    if options.sample and not saved.has_probabilities:
-        raise ConfigError(
-            f"--sample: {saved.algorithm} learns action values, which are no probabilities to draw from: leave it out"
-        )
-    rows = [row(group, saved, options) for group in groups_of(options, saved.trained_on)]
+    draws = draws_seed(options, saved)
+    rows = [
+        played(group, policy_for(group, saved.twin, draws), options.levels)
+        for group in groups_of(options, saved.trained_on)
+    ]
     say(
         {
             "checkpoint": str(options.checkpoint),
             "algorithm": saved.algorithm,
             "episode": saved.episode,
-            "mode": "sample" if options.sample else "greedy",
+            "mode": "greedy" if draws is None else "sample",
+            "draws": draws,
             "rows": rows,
         }
     )
+
+
+def draws_seed(options: argparse.Namespace, saved: SavedPolicy) -> int | None:
+    """The seed of what is drawn in choosing actions, none for greedy play; unless asked otherwise as in the run.
+
+    Raises:
+        ConfigError: there are no probabilities to draw from, or nothing is drawn.
+    """
+    if options.mode == "sample" and not saved.has_probabilities:
+        raise ConfigError(
+            f"--sample: {saved.algorithm} learns action values, which are no probabilities to draw from: leave it out"
+        )
+    if (options.mode or saved.mode) == "sample":
+        return saved.seed if options.draws is None else int(options.draws)
+    if options.draws is not None:
+        remedy = "add --sample, or leave it out" if saved.has_probabilities else "leave it out"
+        raise ConfigError(f"--draws {options.draws}: greedy play draws nothing: {remedy}")
+    return None
 
 
 def groups_of(options: argparse.Namespace, difficulties: Sequence[Difficulty]) -> list[Group]:
@@ -96,11 +116,10 @@ def recorded(path: Path, names: list[str] | None) -> Iterator[Group]:
         yield Group(name, levels, len(levels), max(level.n_trains for level in levels))
 
 
-def row(group: Group, saved: SavedPolicy, options: argparse.Namespace) -> dict[str, Any]:
-    """Play a group with a checkpoint and sum up."""
+def policy_for(group: Group, twin: Twin, draws: int | None) -> Policy:
+    """The network as it plays a group; `draws`: see `draws_seed`."""
     playing = player("compiled", group.most_trains)
-    policy = sampled(playing, saved.twin, options.seed) if options.sample else greedy(playing, saved.twin)
-    return played(group, policy, options.levels)
+    return greedy(playing, twin) if draws is None else sampled(playing, twin, draws)
 
 
 def played(group: Group, policy: Policy, path: Path | None) -> dict[str, Any]:
@@ -135,7 +154,8 @@ def parsed(arguments: list[str] | None = None) -> argparse.Namespace:
     """What is asked for; none: on this process's own command line."""
     parser = argparse.ArgumentParser(description="Scores a checkpoint.")
     parser.add_argument("checkpoint", type=Path)
-    parser.add_argument("--sample", action="store_true")
+    parser.add_argument("--mode", choices=get_args(Mode), help="default: as its run scores the checkpoint")
+    parser.add_argument("--draws", type=int, help="seed of sampling; default: the run's")
     add_levels(parser)
     return parser.parse_args(arguments)
 

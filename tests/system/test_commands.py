@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import signal
 
 from common.locks import living
@@ -87,6 +88,24 @@ def test_a_damaged_snapshot_ends_the_run_with_its_name(clusters, tail):
     assert newest.name in refused.stderr
     assert len(refused.stderr.strip().splitlines()) == 1
     assert living(clusters.folder("damaged")) == {}
+
+
+def test_a_full_disk_ends_the_run_in_a_line(clusters, tail):
+    clusters.up("full", "--detach")
+    rows = tail("full")
+    rows.until(1)
+    clusters.pause("full")
+    learner = living(clusters.folder("full"))["learner"]
+    resource.prlimit(
+        learner, resource.RLIMIT_FSIZE, (100_000, 100_000)
+    )  # rows and logs fit, the next snapshot does not
+    clusters.railctl("resume", "full")
+    rows.rest()
+    status = clusters.status("full")
+    assert (status["state"], living(clusters.folder("full"))) == ("failed", {})
+    [problem] = status["problems"]
+    remedy = "File too large: make room, then railctl up --name full goes on"
+    assert problem == f"learner cannot go on: {clusters.folder('full').path}: {remedy}"
 
 
 def test_a_process_that_keeps_dying_ends_the_run(clusters, tail):

@@ -26,6 +26,7 @@ def write_checkpoint() -> Callable[..., Path]:
     def write(path: Path, network: NetworkConfig = DUELING, seed: int = 4, **changed: str) -> Path:
         tensors = export_parameters(builds.get(network.kind, build_network)(network, N_FEATURES, N_ACTIONS, seed))
         science = {"algorithm": "any", "network": network.model_dump(mode="json"), "mix": {"hard": 0.5, "easy": 0.5}}
+        science |= {"evaluation": {"mode": "greedy"}, "seed": seed}
         metadata = {"science": json.dumps(science), "episode": "300"} | changed
         checkpoint.save(path, tensors, metadata, "checkpoint")
         return path

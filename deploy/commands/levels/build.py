@@ -42,4 +42,4 @@ def build(
         *option("--processes", processes or len(os.sched_getaffinity(0))),
     )
     counts = ", ".join(f"{count} {name}" for name, count in result["levels"].items())
-    say(f"{result['bank']} holds {counts}; {sum(result['built'].values())} are new", result, as_json=as_json)
+    say(f"{result['bank']} holds {counts}; {sum(result['built'].values())} new", result, as_json=as_json)

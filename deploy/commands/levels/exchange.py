@@ -7,7 +7,7 @@ import typer
 
 from common.levels.bank import bank_root
 from deploy.commands.levels.options import TASKS, Bank, Level, LevelFile, known, option
-from deploy.output import AsJson, one_line_errors, say
+from deploy.output import AsJson, counted, one_line_errors, say
 from deploy.runs import runs_root
 from deploy.task import run_task
 
@@ -49,8 +49,8 @@ def export(
         *option("--seed", seed),
         *option("--output", output),
     )
-    say(f"{output}: {_counts(result['groups'])} in {result['files']} files", result, as_json=as_json)
+    say(f"{output}: {_counts(result['groups'])} in {counted(result['files'], 'file')}", result, as_json=as_json)
 
 
 def _counts(groups: dict[str, int]) -> str:
-    return ", ".join(f"{count} levels of {name}" for name, count in groups.items())
+    return ", ".join(f"{counted(count, 'level')} of {name}" for name, count in groups.items())

@@ -7,7 +7,7 @@ import typer
 
 from common.levels.bank import bank_root
 from deploy.commands.levels.options import TASKS, Bank, Level, LevelFile, known, option
-from deploy.output import AsJson, one_line_errors, say
+from deploy.output import AsJson, counted, one_line_errors, say
 from deploy.runs import runs_root
 from deploy.task import run_task
 
@@ -38,7 +38,7 @@ def show(
         *option("--output", output),
     )
     text = (
-        f"{result['title']}: {result['trains']} trains, {result['rail_cells']} cells of rail, "
+        f"{result['title']}: {counted(result['trains'], 'train')}, {result['rail_cells']} cells of rail, "
         f"{result['switches']} switches, {result['max_steps']} steps\npicture  {result['picture']}"
     )
     say(text, result, as_json=as_json)

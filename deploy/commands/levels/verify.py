@@ -10,7 +10,7 @@ from common.config import ConfigError
 from common.levels.bank import bank_root
 from common.task import FAILED
 from deploy.commands.levels.options import TASKS, Bank, option
-from deploy.output import AsJson, one_line_errors, say
+from deploy.output import AsJson, counted, one_line_errors, say
 from deploy.runs import runs_root
 from deploy.task import run_task
 
@@ -42,7 +42,7 @@ def verify(
             *option("--bank", root),
             *option("--sample", SAMPLE if sample is None else sample),
         )
-        say(f"{root}: {result['levels']} levels are as they were written", result, as_json=as_json)
+        say(f"{root}: no change in {counted(result['levels'], 'level')}", result, as_json=as_json)
         return
     if sample is not None or bank is not None:
         raise ConfigError(f"--sample and --bank are for checking the bank: to replay {file}, leave them out")
@@ -53,7 +53,10 @@ def verify(
 
 
 def _found(result: dict[str, Any]) -> str:
-    compared = f"{result['episodes']} episodes, {result['agent_steps']} agent-steps, {result['tree_nodes']} tree nodes"
+    compared = ", ".join(
+        counted(result[name], noun)
+        for name, noun in (("episodes", "episode"), ("agent_steps", "agent-step"), ("tree_nodes", "tree node"))
+    )
     counts = ", ".join(f"{field} {count}" for field, count in result["mismatches"].items())
     lines = [f"{result['file']}: {compared}", f"mismatches: {counts}"]
     first = result["first_mismatch"]

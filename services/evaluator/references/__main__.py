@@ -10,7 +10,7 @@ from common.config import DIFFICULTIES
 from common.levels.chunks import BankError
 from common.levels.files import LevelFileError
 from common.rail.compiled.world import CompiledWorld
-from common.study import Reference
+from common.study import DRAWING, Reference
 from common.task import carry_out, say
 from services.evaluator.references.policies import ORDERS, reference_policy
 from services.evaluator.runner import UnplayableLevelError
@@ -22,7 +22,7 @@ def score(options: argparse.Namespace) -> None:
     rows = []
     for group in groups_of(options, DIFFICULTIES):
         world = CompiledWorld(1, group.most_trains)
-        policy = reference_policy(options.policy, world, options.seed, options.orders)
+        policy = reference_policy(options.policy, world, options.draws, options.orders)
         rows.append(played(group, policy, options.levels))
     say(
         {
@@ -30,6 +30,7 @@ def score(options: argparse.Namespace) -> None:
             "algorithm": None,
             "episode": None,
             "mode": None,
+            "draws": options.draws if options.policy in DRAWING else None,
             "policy": options.policy,
             "orders": options.orders if options.policy == "planner" else None,
             "rows": rows,
@@ -41,6 +42,7 @@ def parsed(arguments: list[str] | None = None) -> argparse.Namespace:
     """What is asked for; none: on this process's own command line."""
     parser = argparse.ArgumentParser(description="Scores a reference policy.")
     parser.add_argument("policy", choices=get_args(Reference))
+    parser.add_argument("--draws", type=int, default=0, help="seed of what the policy draws")
     parser.add_argument("--orders", type=int, default=ORDERS, help="of trains, that the planner tries")
     add_levels(parser)
     return parser.parse_args(arguments)

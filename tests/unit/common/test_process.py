@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 from queue import SimpleQueue
 
 import pytest
@@ -205,6 +206,14 @@ def test_a_place_that_is_taken_is_not_taken_twice(run, handlers, monkeypatch):
         take_place(run, "learner", "learner"),
     ):
         pass
+
+
+def test_a_full_disk_is_fatal_and_other_troubles_may_pass(run, handlers):
+    line = rf"^{run.path}: No space left on device: make room, then railctl up --name {run.path.name} goes on$"
+    with pytest.raises(Fatal, match=line), take_place(run, "learner", "learner"), Path("/dev/full").open("w") as full:
+        full.write("a row")
+    with pytest.raises(IsADirectoryError), take_place(run, "learner", "learner"):
+        run.path.write_text("a row")
 
 
 def test_a_place_needs_a_configuration_and_a_cluster(tmp_path, handlers):

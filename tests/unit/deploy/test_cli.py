@@ -183,7 +183,7 @@ def test_runs_that_cannot_be_written_are_a_failure(root, monkeypatch):
     ("arguments", "text"),
     [
         (["--episodes", "20"], "run one exists with episodes 10, not 20: leave the option out "),
-        (["--level", "hard", "--actors", "hard=1"], "run one exists with mix.easy 1.0, not None"),
+        (["--level", "hard"], "run one exists with level easy, not level hard"),
         (["--cores", "0"], "cluster.cores: input should be greater than or equal to 1, not 0"),
     ],
 )
@@ -286,6 +286,14 @@ def test_up_on_a_finished_run_only_tells_how_it_ended(root):
     lines = output("up", "--name", "one").splitlines()
     assert lines[0] == "run one is finished"
     assert lines[-1] == f"run      {folder.path}"
+
+
+def test_a_full_disk_is_a_line(root, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("deploy.commands.up.prepare", full)
+    assert complaint(FAILED, "up") == "No space left on device: make room on the disk, then run it again"
 
 
 # Runs that are not there
@@ -458,6 +466,16 @@ def test_a_command_to_the_learner(cluster, verb):
     assert output(verb, "one") == "done so\n"
     assert json.loads(output(verb, "--json")) == {"done": True, "text": "done so"}
     assert [request.verb for request in cluster] == [verb, verb]
+
+
+def test_a_checkpoint_is_named_as_the_user_names_its_run(cluster, root, monkeypatch):
+    """The learner was started with an absolute path."""
+    answer = CommandAnswer(done=True, text=f"wrote {root.resolve()}/one/file")
+    monkeypatch.setattr("common.bus.Bus.ask", lambda *_: answer)
+    monkeypatch.setenv("RAILCTL_RUNS", "runs")
+    assert output("checkpoint", "one") == "wrote runs/one/file\n"
+    monkeypatch.chdir(root / "one")
+    assert json.loads(output("checkpoint", ".", "--json"))["text"] == "wrote ./file"
 
 
 def test_scaling(cluster):

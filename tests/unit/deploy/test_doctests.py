@@ -16,6 +16,9 @@ import pytest
         ("deploy.show", 2),
         ("deploy.study.estimate", 1),
         ("deploy.study.levels", 1),
+        ("deploy.commands.references", 2),
+        ("deploy.output", 1),
+        ("deploy.judged", 2),
     ],
 )
 def test_examples_in_docstrings_are_true(module, examples):

@@ -43,12 +43,12 @@ def complaint(code, *arguments):
 
 
 def test_a_run_is_scored_by_its_newest_checkpoint(run):
-    result = railctl("one", "--levels", "levels.npz", "--sample", "--seed", 3, "--json")
+    result = railctl("one", "--levels", "levels.npz", "--sample", "--draws", 3, "--json")
     assert result.exit_code == 0, result.stderr
     document = json.loads(result.stdout)
     assert document["checkpoint"] == "runs/one/checkpoints/00000100.safetensors"
     [row] = document["rows"]
-    assert (document["mode"], row["level"], len(row["returns"])) == ("sample", "easy", 3)
+    assert (document["mode"], document["draws"], row["level"], len(row["returns"])) == ("sample", 3, "easy", 3)
     assert "easy: 3 of 3" in result.stderr
 
 
@@ -70,6 +70,12 @@ def test_a_table_for_people(run, monkeypatch):
     result = railctl(path, "--seed", 4)
     assert asked[-1][2:] == ("--episodes", "100", "--seed", "4", "--bank", "runs/.levels")
     assert "training may know rails of the levels of seed 4" in result.stdout.splitlines()[-1]
+    railctl(path, "--greedy")
+    railctl(path, "--sample", "--draws", 0)
+    assert [arguments[6:-2] for arguments in asked[-2:]] == [
+        ("--mode", "greedy"),
+        ("--mode", "sample", "--draws", "0"),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -87,7 +93,12 @@ def test_a_table_for_people(run, monkeypatch):
         ),
         (
             ["one", "--levels", "levels.npz", "--seed", "2"],
-            "--levels and --seed: greedy play on given levels draws nothing, leave --seed out",
+            "--levels and --seed: given levels are not drawn, leave --seed out (--draws is of sampling)",
+        ),
+        (["one", "--draws", "-1"], "--draws -1: use 0 or a number above"),
+        (
+            ["one", "--greedy", "--draws", "1"],
+            "--draws 1 and --greedy: greedy play draws nothing, leave one of them out",
         ),
     ],
 )

@@ -1,6 +1,7 @@
 """Following a run: every row once and in order, whatever the wire loses, and its status without a supervisor."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 
@@ -195,6 +196,11 @@ def test_how_a_run_ended(folder, content, outcome):
     if content is not None:
         folder.outcome_file.write_text(content)
     assert outcome_of(folder) == outcome
+
+
+def test_a_full_disk_may_have_kept_the_word_back(folder, monkeypatch):
+    monkeypatch.setattr("shutil.disk_usage", lambda _path: SimpleNamespace(free=0))
+    assert outcome_of(folder) == ("stopped", "the disk is full: make room, then railctl up resumes the run")
 
 
 def test_the_status_of_a_run_that_is_not_running_comes_from_its_files(folder):

@@ -143,8 +143,10 @@ def test_an_existing_run_may_get_another_cluster():
         ({"algorithm": "dqn"}, "algorithm dddqn, not dqn"),
         ({"dqn": {"batch_size": 5}}, "dqn.batch_size 150, not 5"),
         ({"network": {"hidden": [8]}}, "network.hidden [128, 128], not [8]"),
-        ({"mix": {"easy": 0.5, "hard": 0.5}, "cluster": {"actors": {"any": 1}}}, "mix.easy 1.0, not 0.5"),
-        ({"level": "hard", "cluster": {"actors": {"any": 1}}}, "mix.easy 1.0, not None"),
+        ({"mix": {"easy": 0.5, "hard": 0.5}}, "level easy, not mix {'easy': 0.5, 'hard': 0.5}"),
+        ({"level": "hard"}, "level easy, not level hard"),
+        ({"level": "hard", "cluster": {"actors": {"any": 1}}}, "level easy, not level hard"),
+        ({"mix": {"easy": 0.5}}, "level easy, not mix {'easy': 0.5}"),
     ],
 )
 def test_an_existing_run_is_not_made_another_one(given_, was):

@@ -2,20 +2,25 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from common import checkpoint
 from common.checkpoint import CheckpointError
 from common.config import ConfigError, NetworkConfig
+from common.folder import RunFolder
 from common.levels import files
 from common.levels.files import LevelFileError
 from common.levels.supply import LevelSupply
 from common.policy.checkpoints import load_policy
 from common.policy.player import player
 from common.task import carry_out
+from deploy.resolve import resolve
 from services.evaluator.runner import UnplayableLevelError, evaluate, greedy
 from services.evaluator.score import parsed, score
+from services.evaluator.service import Evaluator
 
 FIGURES = ["mean", "low", "high", "std", "median", "arrived_share", "all_arrived_share", "mean_steps", "returns"]
 SUPPLY = LevelSupply()
@@ -47,8 +52,8 @@ def crowded(level, n_trains):
 
 def test_every_difficulty_that_was_trained_on_is_a_row_of_the_evaluation_levels(scored, weights):
     document = scored(weights, "--episodes", 3)
-    assert list(document) == ["checkpoint", "algorithm", "episode", "mode", "rows"]
-    assert list(document.values())[:4] == [str(weights), "any", 300, "greedy"]
+    assert list(document) == ["checkpoint", "algorithm", "episode", "mode", "draws", "rows"]
+    assert list(document.values())[:5] == [str(weights), "any", 300, "greedy", None]
     assert [list(row) for row in document["rows"]] == [["level", "levels", *FIGURES]] * 2
     assert np.round(document["rows"][0]["returns"], 3).tolist() == [-0.676, -0.715, -1.0]
     policy = greedy(player("compiled", 7), load_policy(weights).twin)
@@ -71,13 +76,38 @@ def test_another_seed_is_another_sequence_of_levels(scored, weights):
     assert evaluate(greedy(player("compiled", 7), load_policy(weights).twin), levels).returns.tolist() == other
 
 
-def test_samples_repeat_and_differ_by_seed(scored, weights, tmp_path):
+def test_samples_repeat_and_differ_by_draws(scored, weights, tmp_path):
     files.save(tmp_path / "levels.npz", {"easy": [SUPPLY.evaluation("easy", index) for index in range(4)]})
-    given = (weights, "--levels", tmp_path / "levels.npz", "--sample", "--seed")
-    first, again, other = (scored(*given, seed) for seed in (1, 1, 2))
+    given = (weights, "--levels", tmp_path / "levels.npz", "--mode", "sample", "--draws")
+    first, again, other = (scored(*given, draws) for draws in (1, 1, 2))
     assert first == again
-    assert first["mode"] == "sample"
+    assert (first["mode"], first["draws"], other["draws"]) == ("sample", 1, 2)
     assert first["rows"] != other["rows"]
+
+
+def test_a_policy_is_scored_as_in_its_run(scored, write_checkpoint, tmp_path):
+    """The row that the run's evaluator writes, and what is made of the same file later."""
+    config = resolve({"algorithm": "ppo", "seed": 7, "evaluation": {"levels": 4}})
+    path = tmp_path / "weights.safetensors"
+    write_checkpoint(path, config.network, seed=1, science=json.dumps(config.science))
+    beats = SimpleNamespace(beat=lambda *_: None)
+    place = SimpleNamespace(
+        config=config, folder=RunFolder(tmp_path), heart=beats, stopping=SimpleNamespace(asked=False)
+    )
+    evaluator = Evaluator(place)
+    tensors, metadata = checkpoint.load(path, "checkpoint")
+    evaluator._twin.load(tensors)
+    in_run = evaluator._score(300, "easy", metadata["digest"])
+    evaluator._file.close()
+    document = scored(path, "--episodes", 4)
+    assert (document["mode"], document["draws"]) == (in_run.mode, 7) == ("sample", 7)
+    [row] = document["rows"]
+    later = [row[name] for name in ("mean", "arrived_share", "all_arrived_share", "mean_steps")]
+    assert later == [in_run.normalised_return, in_run.arrived_share, in_run.all_arrived_share, in_run.mean_steps]
+    assert scored(path, "--episodes", 4, "--draws", 8)["rows"] != [row]
+    greedily = scored(path, "--episodes", 4, "--mode", "greedy")
+    assert (greedily["mode"], greedily["draws"]) == ("greedy", None)
+    assert greedily["rows"] != [row]
 
 
 def test_groups_of_a_file_are_rows_whatever_their_trains(scored, weights, tmp_path):
@@ -98,7 +128,14 @@ def test_more_levels_than_are_kept_from_training_are_refused(weights):
 def test_action_values_are_not_sampled_from(write_checkpoint, tmp_path):
     path = write_checkpoint(tmp_path / "weights.safetensors")
     with pytest.raises(ConfigError, match=r"^--sample: any learns action values, .*: leave it out$"):
-        score(parsed([str(path), "--sample"]))
+        score(parsed([str(path), "--mode", "sample"]))
+    with pytest.raises(ConfigError, match=r"^--draws 3: greedy play draws nothing: leave it out$"):
+        score(parsed([str(path), "--draws", "3"]))
+
+
+def test_greedy_play_draws_nothing(weights):
+    with pytest.raises(ConfigError, match=r"^--draws 3: greedy play draws nothing: add --sample, or leave it out$"):
+        score(parsed([str(weights), "--draws", "3"]))
 
 
 def test_groups_that_cannot_be_played_are_named(weights, tmp_path):

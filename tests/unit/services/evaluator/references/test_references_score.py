@@ -1,0 +1,80 @@
+"""Scoring a reference policy: what is said of it, and that it says the same of the same levels."""
+
+import json
+
+import numpy as np
+import pytest
+
+from common.config import DIFFICULTIES, ConfigError
+from common.levels import files
+from common.levels.supply import LevelSupply
+from common.rail.compiled.world import CompiledWorld
+from services.evaluator.references.__main__ import parsed, score
+from services.evaluator.references.policies import reference_policy
+from services.evaluator.runner import UnplayableLevelError, evaluate
+
+SUPPLY = LevelSupply()
+
+
+@pytest.fixture
+def scored(capsys):
+    """The document that is printed for these arguments."""
+
+    def run(*arguments):
+        score(parsed([str(argument) for argument in arguments]))
+        *progress, result = capsys.readouterr().out.splitlines()
+        assert [list(json.loads(line)) for line in progress] == [["progress"]] * len(progress)
+        return json.loads(result)
+
+    return run
+
+
+def test_every_difficulty_is_a_row_of_the_evaluation_levels(scored):
+    document = scored("shortest-path", "--episodes", 3)
+    assert list(document) == ["checkpoint", "algorithm", "episode", "mode", "draws", "policy", "orders", "rows"]
+    assert list(document.values())[:7] == [None] * 5 + ["shortest-path", None]
+    assert [row["level"] for row in document["rows"]] == list(DIFFICULTIES)
+    levels = [SUPPLY.evaluation("hard", index) for index in range(3)]
+    expected = evaluate(reference_policy("shortest-path", CompiledWorld(1, 7)), levels)
+    assert document["rows"][2]["returns"] == expected.returns.tolist()
+
+
+def test_the_planner_tries_as_many_orders_as_are_asked_for_and_no_fewer_find_better_plans(scored):
+    given = ("planner", "--level", "hard", "--episodes", 5)
+    one, many = scored(*given, "--orders", 1), scored(*given)
+    assert (one["orders"], many["orders"]) == (1, 50)
+    pairs = zip(one["rows"][0]["returns"], many["rows"][0]["returns"], strict=True)
+    assert all(first <= best for first, best in pairs)
+    assert one["rows"] != many["rows"]
+    assert scored(*given)["rows"] == many["rows"]
+
+
+def test_draws_follow_their_seed(scored, tmp_path):
+    files.save(tmp_path / "levels.npz", {"any": [SUPPLY.evaluation("easy", 0)] * 2})
+    first, again, other = (
+        scored("random", "--levels", tmp_path / "levels.npz", "--draws", seed)["rows"][0]["returns"]
+        for seed in (1, 1, 2)
+    )
+    assert first == again != other
+    assert first[0] != first[1]  # the number of the level counts, too
+
+
+def test_what_cannot_be_played_is_refused(tmp_path):
+    level = SUPPLY.evaluation("easy", 0)
+    level.grid[0, 0] = 0b1000_0000_0010_0000  # north and south, at the upper edge
+    files.save(tmp_path / "levels.npz", {"any": [level]})
+    with pytest.raises(UnplayableLevelError, match=r"levels.npz: any, level 0: the level's rails lead off the grid$"):
+        score(parsed(["planner", "--levels", str(tmp_path / "levels.npz")]))
+    with pytest.raises(ConfigError, match=r"^--episodes 1001: "):
+        score(parsed(["planner", "--episodes", "1001"]))
+
+
+def test_there_may_be_many_trains(scored, tmp_path):
+    level = SUPPLY.evaluation("hard", 0)
+    again = np.arange(30) % level.n_trains
+    crowd = type(level)(level.grid, level.starts[again], level.targets[again], level.max_steps)
+    files.save(tmp_path / "levels.npz", {"jam": [crowd]})
+    for name in ("random", "alone", "deadlock-avoidance", "planner"):
+        [row] = scored(name, "--levels", tmp_path / "levels.npz")["rows"]
+        assert row["returns"] == [row["mean"]], name
+    assert row["all_arrived_share"] == 1
