@@ -229,13 +229,13 @@ def parse_config(data: dict[str, Any]) -> RunConfig:
         raise ConfigError(describe(error)) from None
 
 
-def describe(error: ValidationError) -> str:
-    """The first problem of a validation error as one line: field, value, remedy."""
+def describe(error: ValidationError, model: type[BaseModel] = RunConfig) -> str:
+    """The first problem of a validation error of a model as one line: field, value, remedy."""
     problem = error.errors()[0]
     path = [str(part) for part in problem["loc"] if part != "[key]"]
     field = ".".join(path)
     if problem["type"] == "extra_forbidden":
-        return f"unknown key {field}{nearest(path[-1], _keys_at(path[:-1]))}"
+        return f"unknown key {field}{nearest(path[-1], _keys_at(model, path[:-1]))}"
     if problem["type"] == "missing":
         return f"{field} is missing: give it a value"
     message = problem["msg"].removeprefix("Value error, ")
@@ -251,9 +251,10 @@ def nearest(word: str, known: list[str]) -> str:
     return f"{hint} known are {', '.join(sorted(known))}"
 
 
-def _keys_at(path: list[str]) -> list[str]:
-    model: type[BaseModel] = RunConfig
+def _keys_at(model: type[BaseModel], path: list[str]) -> list[str]:
     for part in path:
+        if part.isdecimal():  # which of several
+            continue
         section = section_of(model.model_fields[part].annotation)
         if section is None:
             return []

@@ -1,15 +1,25 @@
-"""One process of a name in a run, told by kernel locks: a dead process holds none."""
+"""One process of a name in a run or a study, told by kernel locks: a dead process holds none."""
 
 import fcntl
 import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-
-from common.folder import RunFolder
+from pathlib import Path
+from typing import Protocol
 
 PATIENCE_S = 2.0  # a probe by another process holds the lock for an instant
 STRETCH_S = 0.02
+
+
+class Folder(Protocol):
+    """Something that processes work for."""
+
+    @property
+    def path(self) -> Path: ...
+
+    @property
+    def processes(self) -> Path: ...
 
 
 class RunsAlreadyError(Exception):
@@ -17,8 +27,8 @@ class RunsAlreadyError(Exception):
 
 
 @contextmanager
-def sole(folder: RunFolder, name: str) -> Iterator[None]:
-    """Be the only process of this name in the run, for as long as the block lasts; the kernel frees a dead one's lock.
+def sole(folder: Folder, name: str) -> Iterator[None]:
+    """Be the only process of this name there for as long as the block lasts; the kernel frees a dead one's lock.
 
     Raises:
         RunsAlreadyError: another process has the name.
@@ -33,7 +43,7 @@ def sole(folder: RunFolder, name: str) -> Iterator[None]:
             except BlockingIOError:
                 if time.monotonic() > deadline:
                     raise RunsAlreadyError(
-                        f"{name} of run {folder.path.name} runs already, as process {holder(folder, name)}"
+                        f"{name} of {folder.path.name} runs already, as process {holder(folder, name)}"
                     ) from None
                 time.sleep(STRETCH_S)
         file.truncate(0)
@@ -42,7 +52,7 @@ def sole(folder: RunFolder, name: str) -> Iterator[None]:
         yield
 
 
-def holder(folder: RunFolder, name: str) -> int | None:
+def holder(folder: Folder, name: str) -> int | None:
     """The pid of the living process of this name, whoever started it, or none."""
     try:
         with (folder.processes / name).open("r") as file:
@@ -67,8 +77,8 @@ def _lives(pid: int) -> bool:
     return True
 
 
-def living(folder: RunFolder) -> dict[str, int]:
-    """Name and pid of every living process of the run."""
+def living(folder: Folder) -> dict[str, int]:
+    """Name and pid of every living process of the folder."""
     if not folder.processes.is_dir():
         return {}
     pids = {path.name: holder(folder, path.name) for path in sorted(folder.processes.iterdir())}

@@ -3,23 +3,28 @@
 A study lies in a folder:
 
     study.yaml                          the study as it was planned; it stays as it is
+    calibration/                        short runs, which tell how long the study's will take
     runs/NAME-LEVEL-SEED/               runs, as `railctl up` makes them
     evaluations/NAME-LEVEL-SEED.json    the score of a run's last checkpoint, as `railctl evaluate --json` prints it
     references/POLICY-LEVEL.json        the score of a reference policy, likewise
     report/                             what is drawn and told of it
 """
 
+import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
-from pydantic import Field
+import yaml
+from pydantic import Field, ValidationError, field_validator, model_validator
 
-from common.config import Difficulty, Strict
+from common.config import ConfigError, Difficulty, Strict, describe
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]{0,39}$")]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
+MOST_SEEDS = 1000
 Reference = Literal["random", "shortest-path", "deadlock-avoidance", "deadlock-avoidance-entering", "planner", "alone"]
 DRAWING: tuple[Reference, ...] = ("random", "planner")  # references that draw
 
@@ -30,6 +35,16 @@ class Contender(Strict):
     name: Name
     algorithm: str
     settings: dict[str, Any] = Field(default_factory=dict)  # keys of a run file
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short_forms(cls, data: Any) -> Any:
+        """`dqn` is {name: dqn, algorithm: dqn}; either name stands for a missing other one."""
+        if isinstance(data, str):
+            data = {"name": data}
+        if isinstance(data, dict) and (known := data.get("name", data.get("algorithm"))) is not None:
+            data = {"name": known, "algorithm": known} | data
+        return data
 
 
 class FinalEvaluation(Strict):
@@ -60,6 +75,46 @@ class Study(Strict):
     evaluation: FinalEvaluation = FinalEvaluation()
     references: tuple[Reference, ...] = ()
     judgement: Judgement = Judgement()
+
+    @field_validator("seeds", mode="before")
+    @classmethod
+    def _span(cls, seeds: Any) -> Any:
+        """`1..10` is short for all from 1 to 10."""
+        if isinstance(seeds, str):
+            found = re.fullmatch(r"(\d{1,10})\.\.(\d{1,10})", seeds)
+            if found is None or not int(found[1]) <= int(found[2]) < int(found[1]) + MOST_SEEDS:
+                raise ValueError(f"{seeds!r} is no span of at most {MOST_SEEDS}: write for example 1..10, or a list")
+            return list(range(int(found[1]), int(found[2]) + 1))
+        return seeds
+
+    @model_validator(mode="after")
+    def _nothing_comes_twice(self) -> Self:
+        names = [contender.name for contender in self.contenders]
+        for field, values in (
+            ("contenders", names),
+            ("levels", self.levels),
+            ("seeds", self.seeds),
+            ("references", self.references),
+        ):
+            value, times = Counter(values).most_common(1)[0] if values else (None, 0)
+            if times > 1:
+                remedy = "give each a name of its own" if field == "contenders" else "leave the others out"
+                raise ValueError(f"{field}: {value} is there {times} times: {remedy}")
+        return self
+
+    @model_validator(mode="after")
+    def _zones_have_points(self) -> Self:
+        block, zones = self.judgement.block, self.judgement.zones
+        if self.episodes % block:
+            raise ValueError(
+                f"episodes {self.episodes} is not a multiple of judgement.block {block}: make one fit the other"
+            )
+        if self.episodes // block < zones:
+            raise ValueError(
+                f"episodes {self.episodes} are {self.episodes // block} blocks of judgement.block {block}, fewer than "
+                f"judgement.zones {zones}: train longer, or make one of them smaller"
+            )
+        return self
 
 
 class PlannedRun(NamedTuple):
@@ -97,6 +152,14 @@ class StudyFolder:
         return self.path / "runs"
 
     @property
+    def calibration(self) -> Path:
+        return self.path / "calibration"
+
+    @property
+    def processes(self) -> Path:
+        return self.path / "processes"
+
+    @property
     def report(self) -> Path:
         return self.path / "report"
 
@@ -108,3 +171,23 @@ class StudyFolder:
 
     def reference(self, policy: str, level: str) -> Path:
         return self.path / "references" / f"{policy}-{level}.json"
+
+
+def read_study(path: Path) -> Study:
+    """The study of a YAML file; one that does not say its name is named after the file.
+
+    Raises:
+        ConfigError: one line that names the file, the field, its value and the remedy.
+    """
+    try:
+        data = yaml.safe_load(path.read_text())
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be read: {error.strerror}: give a file that describes a study") from None
+    except (yaml.YAMLError, ValueError) as error:
+        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(data, dict):
+        raise ConfigError(f"{path} holds no keys: write for example 'contenders: [dqn, ppo]'")
+    try:
+        return Study.model_validate({"name": path.stem} | data)
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {describe(error, Study)}") from None

@@ -14,6 +14,7 @@ from deploy.commands.report import report
 from deploy.commands.resume import resume
 from deploy.commands.scale import scale
 from deploy.commands.status import status
+from deploy.commands.study import app as study
 from deploy.commands.tail import tail
 from deploy.commands.up import up
 
@@ -27,6 +28,7 @@ app = typer.Typer(
 for verb in (up, status, tail, logs, scale, pause, resume, checkpoint, down, evaluate, report, doctor, bench):
     app.command()(verb)
 app.add_typer(levels, name="levels")
+app.add_typer(study, name="study")
 
 
 def main() -> None:

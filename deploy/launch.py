@@ -26,7 +26,7 @@ from deploy.runs import Failed, runs_root, supervised
 
 LOOPBACK = "127.0.0.1"
 PORTS = range(10_000, 32_000)  # below the ports that systems give to outgoing connections
-NAME_FORM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
+NAME_FORM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]{0,99}")
 START_TIMEOUT_S = 10.0
 
 
@@ -39,17 +39,17 @@ def fresh_name(config: RunConfig) -> str:
     return name
 
 
-def new_run(name: str, config: RunConfig) -> RunFolder:
-    """Make the folder of a new run, whole or not at all.
+def new_run(name: str, config: RunConfig, root: Path | None = None) -> RunFolder:
+    """Make the folder of a new run, whole or not at all; without a root it lies beside all others.
 
     Raises:
         ConfigError: the name is not one.
         Failed: this machine cannot run it.
     """
     if not NAME_FORM.fullmatch(name):
-        raise ConfigError(f"--name {name!r}: use letters, digits, '.', '_' and '-', at most 100")
+        raise ConfigError(f"--name {name!r}: use letters, digits, '.', '_', '+' and '-', at most 100")
     check_machine(config)
-    path = runs_root() / name
+    path = (root or runs_root()) / name
     temporary = path.with_name(f".{name}.{os.getpid()}")
     try:
         temporary.mkdir(parents=True)
@@ -95,10 +95,15 @@ def save_config(folder: RunFolder, config: RunConfig) -> None:
     write_atomically(folder.config_file, text)
 
 
-def start_supervisor(folder: RunFolder, config: RunConfig, actors: Mapping[str, int] | None = None) -> int:
+def start_supervisor(
+    folder: RunFolder,
+    config: RunConfig,
+    actors: Mapping[str, int] | None = None,
+    bank: Path | None = None,
+) -> int:
     """Start the supervisor of a run that has none; it takes over processes that live. Returns its pid.
 
-    Actors are those that are asked for, or else as many as there were.
+    Actors are those that are asked for, or else as many as there were. Without a bank it is that beside the run.
 
     Raises:
         Failed: it ended at once.
@@ -112,7 +117,7 @@ def start_supervisor(folder: RunFolder, config: RunConfig, actors: Mapping[str, 
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
-            env=os.environ | ENVIRONMENT,
+            env=os.environ | ENVIRONMENT | ({} if bank is None else {"RAILCTL_LEVELS": str(bank.resolve())}),
             start_new_session=True,
         )
     deadline = time.monotonic() + START_TIMEOUT_S

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from typing import Any, Self
+from typing import IO, Any, Self
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
@@ -47,12 +47,47 @@ def run_task(module: str, *arguments: str) -> dict[str, Any]:
         except BaseException:
             process.terminate()
             raise
-        code = process.wait()
-        if code:
-            complaints.seek(0)
-            text = (complaints.read().splitlines() or [f"{module} was killed: run it again"])[-1]
-            raise ConfigError(text) if code == WRONG_USAGE else Failed(text)
+        _check_end(module, process.wait(), complaints)
     return result
+
+
+class Task:
+    """A task beside others, whose progress nobody listens to. It has a session of its own: Ctrl-C does not reach it."""
+
+    def __init__(self, module: str, *arguments: str) -> None:
+        self._module = module
+        self._said = tempfile.TemporaryFile("w+")  # noqa: SIM115  (it is read when the process has ended)
+        self._complaints = tempfile.TemporaryFile("w+")  # noqa: SIM115
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", module, *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=self._said,
+            stderr=self._complaints,
+            env=os.environ | ENVIRONMENT,
+            start_new_session=True,
+        )
+
+    def has_ended(self) -> bool:
+        return self._process.poll() is not None
+
+    def result(self) -> dict[str, Any]:
+        """The result of a task that has ended; raises as `run_task` does."""
+        with self._said, self._complaints:
+            _check_end(self._module, self._process.wait(), self._complaints)
+            self._said.seek(0)
+            result: dict[str, Any] = json.loads((self._said.read().splitlines() or ["{}"])[-1])
+            return result
+
+    def end(self) -> None:
+        """Have it end; it leaves nothing behind."""
+        self._process.kill()
+
+
+def _check_end(module: str, code: int, complaints: IO[str]) -> None:
+    if code:
+        complaints.seek(0)
+        text = (complaints.read().splitlines() or [f"{module} was killed: run it again"])[-1]
+        raise ConfigError(text) if code == WRONG_USAGE else Failed(text)
 
 
 class _Shower:

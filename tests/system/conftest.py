@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
@@ -72,8 +73,11 @@ class Clusters:
 
     def pause(self, name: str) -> None:
         """Hold a run as `railctl pause` does, but at once: starting a command takes as long as the rest of the run."""
+        self.tell_learner(name, "pause")
+
+    def tell_learner(self, name: str, verb: Literal["pause", "resume"]) -> None:
         with reach(self.folder(name)) as bus:
-            assert bus.ask(keys.COMMAND_LEARNER, LearnerCommand(verb="pause"), PATIENCE_S).done
+            assert bus.ask(keys.COMMAND_LEARNER, LearnerCommand(verb=verb), PATIENCE_S).done
 
     def goes_on_paused(self, name: str) -> None:
         """Take up a run that was paused, and let it run to its end."""
@@ -92,7 +96,7 @@ class Clusters:
 
     def end(self) -> None:
         """Leave no process behind, whatever happened."""
-        for path in self.root.iterdir():
+        for path in [config.parent for config in self.root.rglob("config.yaml")]:
             while processes := living(RunFolder(path)):
                 for pid in processes.values():
                     os.kill(pid, signal.SIGKILL)

@@ -71,7 +71,7 @@ def test_a_second_process_of_a_name_is_turned_away(folder, monkeypatch):
     with another(folder, "learner") as process:
         with pytest.raises(RunsAlreadyError) as caught, sole(folder, "learner"):
             pass
-        assert str(caught.value) == f"learner of run {folder.path.name} runs already, as process {process.pid}"
+        assert str(caught.value) == f"learner of {folder.path.name} runs already, as process {process.pid}"
         assert holder(folder, "learner") == process.pid  # it was not disturbed
         with sole(folder, "evaluator"):
             assert living(folder) == {"evaluator": os.getpid(), "learner": process.pid}

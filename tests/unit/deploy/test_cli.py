@@ -137,7 +137,7 @@ def test_wrong_usage_has_its_own_exit_code_and_no_traceback(root, arguments):
         (["--cores", "0"], "cluster.cores: input should be greater than or equal to 1, not 0"),
         (["--engine", "stone"], "engine: input should be 'compiled' or 'flatland', not 'stone'"),
         (["--level", "easy", "--set", "mix={easy: 1}"], "level and mix are both given: leave one out"),
-        (["--name", "a/b"], "--name 'a/b': use letters, digits, '.', '_' and '-', at most 100"),
+        (["--name", "a/b"], "--name 'a/b': use letters, digits, '.', '_', '+' and '-', at most 100"),
         (["--file", "none.yaml"], "none.yaml: No such file or directory: give an existing YAML file with -f"),
     ],
 )

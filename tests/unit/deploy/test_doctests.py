@@ -15,6 +15,8 @@ import pytest
         ("deploy.resolve", 1),
         ("deploy.plan", 1),
         ("deploy.show", 2),
+        ("deploy.study.estimate", 1),
+        ("deploy.study.levels", 1),
         ("deploy.commands.references", 2),
         ("deploy.output", 1),
         ("deploy.judged", 2),

@@ -81,7 +81,7 @@ def test_a_new_run_has_its_configuration_and_a_folder_for_logs(root, name):
 @pytest.mark.parametrize("name", ["", ".hidden", "-dash", "a b", "a/b", "../up", "a" * 101, "é", "a:b"])
 def test_a_name_of_another_form_is_refused_and_nothing_is_made(root, name):
     text = failure(new_run, name, config(), error=ConfigError)
-    assert text == f"--name {name!r}: use letters, digits, '.', '_' and '-', at most 100"
+    assert text == f"--name {name!r}: use letters, digits, '.', '_', '+' and '-', at most 100"
     assert not root.exists()
 
 

@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from common.config import ConfigError
+from deploy.follow import wait_until
 from deploy.runs import Failed
-from deploy.task import run_task, time_left
+from deploy.task import Task, run_task, time_left
 
 SAYS = """
 import json, sys
@@ -48,6 +49,26 @@ def test_an_end_in_failure_says_why(module, script, error, text):
     with pytest.raises(error) as ended:
         run_task(module(script))
     assert str(ended.value) == text
+
+
+def test_a_task_beside_others_says_nothing_but_its_result(module, capfd):
+    task = Task(module(SAYS), "levels", "a", "b")
+    assert wait_until(task.has_ended, 30)
+    assert task.result() == {"result": ["a", "b"]}
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_task_beside_others_fails_as_any_other(module):
+    with pytest.raises(Failed, match="the reason"):
+        Task(module("import sys; sys.exit('the reason')")).result()
+
+
+def test_a_task_can_be_ended(module):
+    task = Task(module("import signal; signal.pause()"))
+    assert not task.has_ended()
+    task.end()
+    with pytest.raises(Failed, match="worker was killed: run it again"):
+        task.result()
 
 
 def test_time_left_as_people_say_it():

@@ -1,0 +1,84 @@
+"""railctl study plan: what a study is made of, and what it will take."""
+
+import json
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from common.levels.bank import bank_root
+from common.study import Study, StudyFolder
+from deploy.commands.study.options import Cores, OtherName, StudyName
+from deploy.output import AsJson, console, one_line_errors
+from deploy.runs import Failed, runs_root
+from deploy.show import duration
+from deploy.study.described import configurations, find_study, named
+from deploy.study.estimate import Cell, Rate, calibration_of, run_seconds, seconds_left
+from deploy.study.levels import missing_levels
+from deploy.study.progress import Looking, StudyProgress
+from deploy.study.work import alone, calibrate, cores_of
+
+GB = 1e9
+
+
+@one_line_errors
+def plan(name: StudyName, cores: Cores = None, other_name: OtherName = None, as_json: AsJson = False) -> None:
+    """Say how many runs and levels a study needs, and the hours and the disk, measured on its runs or on short ones."""
+    used = cores_of(cores)
+    study = named(find_study(name), other_name)
+    configs = configurations(study, used)
+    folder = StudyFolder(runs_root() / study.name)
+    missing = missing_levels(study, configs, bank_root(runs_root()))
+    with alone(folder):
+        try:
+            rates = calibrate(folder, study, used, Console(stderr=True, highlight=False))
+        except KeyboardInterrupt:
+            raise Failed(f"stopped: railctl study plan {name} goes on with the short runs") from None
+    document = planned(study, Looking(folder, study).look(), rates, used) | {"levels_to_generate": missing}
+    if as_json:
+        print(json.dumps(document, indent=2))
+    else:
+        _print(study, document, used)
+
+
+def planned(study: Study, progress: StudyProgress, rates: dict[Cell, Rate], cores: int) -> dict[str, Any]:
+    """What is left of a study and what that takes."""
+    seconds = run_seconds(rates, study)
+    return {
+        "study": study.name,
+        "cores": cores,
+        "runs": len(progress.runs),
+        "runs_done": progress.count("done"),
+        "expected_s": seconds_left(progress, rates, cores),
+        "disk_bytes": sum(rates[cell].run_bytes * len(runs) for cell, runs in progress.cells().items()),
+        "cells": [
+            {
+                "contender": contender,
+                "level": level,
+                "measured_on": rate.source,
+                "episode_s": round(rate.episode_s, 5),
+                "run_s": round(seconds[contender, level], 1),
+                "run_bytes": rate.run_bytes,
+            }
+            for (contender, level), rate in rates.items()
+        ],
+    }
+
+
+def _print(study: Study, document: dict[str, Any], cores: int) -> None:
+    counts = f"{len(study.contenders)} contenders x {len(study.levels)} levels x {len(study.seeds)} seeds"
+    lines = [
+        f"{study.name}: {counts} = {document['runs']} runs of {study.episodes} episodes, {document['runs_done']} done",
+        "levels to generate: " + ", ".join(f"{n} {level}" for level, n in document["levels_to_generate"].items()),
+        f"expected: {duration(document['expected_s'])} on {cores} cores, {document['disk_bytes'] / GB:.1f} GB of disk",
+    ]
+    for line in lines:
+        console.print(line, markup=False, soft_wrap=True)
+    table = Table("contender", "level", box=None, pad_edge=False)
+    for column in ("ms/episode", "a run", "measured on"):
+        table.add_column(column, justify="right")
+    for cell in document["cells"]:
+        source = "a run of it" if cell["measured_on"] == "run" else f"{calibration_of(study).episodes} episodes"
+        took = (f"{cell['episode_s'] * 1000:.0f}", duration(cell["run_s"]), source)
+        table.add_row(cell["contender"], cell["level"], *took)
+    console.print(table)

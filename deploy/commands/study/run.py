@@ -1,0 +1,39 @@
+"""railctl study run: carry out a study, or go on with one."""
+
+from common.study import StudyFolder
+from deploy.commands.study.options import Cores, OtherName, StudyName
+from deploy.output import console, one_line_errors
+from deploy.runs import Failed, runs_root
+from deploy.study.described import configurations, find_study, named, save_study
+from deploy.study.progress import Looking, report_of
+from deploy.study.view import cell_table, headline
+from deploy.study.work import alone, carry_out, cores_of
+
+
+@one_line_errors
+def run(name: StudyName, cores: Cores = None, other_name: OtherName = None) -> None:
+    """Train, evaluate and report on all that a study compares; killed or stopped at any time, it goes on from there."""
+    used = cores_of(cores)
+    study = named(find_study(name), other_name)
+    configurations(study, used)
+    folder = StudyFolder(runs_root() / study.name)
+    goes_on = f"railctl study run {name}{f' --name {other_name}' if other_name else ''} goes on"
+    save_study(folder, study)
+    with alone(folder):
+        try:
+            mind = carry_out(folder, study, used, console)
+        except KeyboardInterrupt:
+            console.print(f"stopped; {goes_on}", markup=False, soft_wrap=True)
+            return
+    progress = Looking(folder, study).look()
+    console.print(cell_table(progress))
+    console.print(f"{study.name}: {headline(progress, None)}", markup=False, soft_wrap=True)
+    console.print(f"study    {folder.path}", markup=False, soft_wrap=True)
+    if (report := report_of(folder)) is not None and not mind.stopping:
+        console.print(f"report   {report}", markup=False, soft_wrap=True)
+    if mind.failures:
+        for job, reason in mind.failures.items():
+            console.print(f"! {job.name}: {reason}", markup=False, soft_wrap=True)
+        raise Failed(f"{len(mind.failures)} of study {study.name} failed: {goes_on.replace('goes on', 'tries again')}")
+    if mind.stopping:
+        console.print(f"stopped; {goes_on}", markup=False, soft_wrap=True)

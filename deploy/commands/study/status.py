@@ -1,0 +1,42 @@
+"""railctl study status: how far a study is, from its folder alone."""
+
+import json
+
+from common.folder import RunFolder
+from common.locks import holder
+from common.study import StudyFolder, read_study
+from deploy.commands.study.options import StudyName
+from deploy.output import AsJson, console, one_line_errors
+from deploy.study.described import find_folder
+from deploy.study.estimate import measured, seconds_left
+from deploy.study.progress import COMMAND, Looking, StudyProgress, status_document
+from deploy.study.view import cell_table, headline
+from deploy.study.work import cores_of
+
+
+@one_line_errors
+def status(name: StudyName, as_json: AsJson = False) -> None:
+    """Show how many runs of each contender on each level are done, running, waiting or failed, and the time left."""
+    folder = find_folder(name)
+    study = read_study(folder.study_file)
+    progress = Looking(folder, study).look()
+    left = seconds_left(progress, measured(folder, progress), _cores(folder, progress))
+    if as_json:
+        print(json.dumps(status_document(folder, progress, left), indent=2))
+        return
+    pid = holder(folder, COMMAND)
+    going = "" if pid is None else f" (process {pid})"
+    console.print(f"{study.name}{going}: {headline(progress, left)}", markup=False, soft_wrap=True)
+    console.print(cell_table(progress))
+    if progress.references:
+        console.print(f"references: {sum(progress.references.values())} of {len(progress.references)} scored")
+    for run, reason in progress.failures.items():
+        console.print(f"! {run}: {reason}", markup=False, soft_wrap=True)
+    if pid is None and not progress.is_done:
+        console.print(f"nobody works on it: railctl study run {study.name} goes on", markup=False, soft_wrap=True)
+
+
+def _cores(folder: StudyFolder, progress: StudyProgress) -> int:
+    """Those that the command uses which works on the study, or else all."""
+    running = [run.run for run in progress.runs if run.state == "running"]
+    return RunFolder(folder.run(running[0])).config().cluster.cores if running else cores_of(None)

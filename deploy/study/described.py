@@ -1,0 +1,150 @@
+"""From the name of a study to its description, its folder, and the checked configuration of every run."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from common.config import ConfigError, RunConfig, nearest
+from common.folder import write_atomically
+from common.study import Contender, PlannedRun, Study, StudyFolder, planned_runs, read_study
+from deploy.resolve import flat, merge, resolve, spelled_out
+from deploy.runs import Failed, runs_root
+
+SHIPPED = Path(__file__).parents[1] / "studies"
+OF_THE_STUDY = ("algorithm", "rule", "level", "mix", "seed", "episodes")  # it gives them to its runs itself
+OF_THE_MACHINE = ("cores", "port")
+
+
+def shipped_studies() -> list[str]:
+    """The names of the studies that are shipped."""
+    return sorted(path.stem for path in SHIPPED.glob("*.yaml"))
+
+
+def find_study(name: str) -> Study:
+    """The study of this name, or in the file of this path.
+
+    Raises:
+        ConfigError: there is none, or it is wrong.
+    """
+    if Path(name).suffix in {".yaml", ".yml"}:
+        return read_study(Path(name))
+    if name in shipped_studies():
+        return read_study(SHIPPED / f"{name}.yaml")
+    return read_study(find_folder(name).study_file)
+
+
+def named(study: Study, name: str | None) -> Study:
+    """The study under another name, if one is given.
+
+    Raises:
+        ConfigError: it is no name.
+    """
+    if name is None:
+        return study
+    try:
+        return Study.model_validate(study.model_dump() | {"name": name})
+    except ValidationError:
+        raise ConfigError(f"--name {name!r}: use letters, digits, '_', '.', '+' and '-', at most 40") from None
+
+
+def find_folder(name: str) -> StudyFolder:
+    """The folder of a study that has been started.
+
+    Raises:
+        ConfigError: there is none of this name.
+    """
+    if Path(name).suffix in {".yaml", ".yml"}:
+        name = read_study(Path(name)).name
+    folder = StudyFolder(runs_root() / name)
+    if folder.study_file.exists():
+        return folder
+    if name in shipped_studies():
+        raise ConfigError(f"study {name} has not been started in {runs_root()}: start it with railctl study run {name}")
+    started = [path.parent.name for path in runs_root().glob("*/study.yaml")]
+    hint = nearest(name, [*dict.fromkeys([*shipped_studies(), *started])])
+    raise ConfigError(f"no study named {name!r}{hint}; or give a file that ends in .yaml")
+
+
+def configurations(study: Study, cores: int) -> dict[PlannedRun, RunConfig]:
+    """The configuration of every run, all of them checked.
+
+    Raises:
+        ConfigError: one line that names the contender, the level, and what is wrong.
+    """
+    of_cell: dict[tuple[str, str], RunConfig] = {}
+    _check_settings("settings", study.settings)
+    for contender in study.contenders:
+        _check_settings(f"contenders.{contender.name}.settings", contender.settings)
+        for level in study.levels:
+            try:
+                of_cell[contender.name, level] = resolve(_given(study, contender, level, cores))
+            except ConfigError as error:
+                raise ConfigError(f"contender {contender.name} on {level}: {error}") from None
+    return {run: of_cell[run.contender, run.level].model_copy(update={"seed": run.seed}) for run in planned_runs(study)}
+
+
+def _given(study: Study, contender: Contender, level: str, cores: int) -> dict[str, Any]:
+    settings = merge(spelled_out(study.settings), spelled_out(contender.settings))
+    return merge(
+        settings,
+        {
+            "algorithm": contender.algorithm,
+            "level": level,
+            "seed": study.seeds[0],
+            "episodes": study.episodes,
+            "cluster": {"cores": cores},
+        },
+    )
+
+
+def _check_settings(field: str, settings: Mapping[str, Any]) -> None:
+    for key in OF_THE_STUDY:
+        if key in settings:
+            raise ConfigError(f"{field}.{key}: the study says it for all its runs, leave it out")
+    cluster = settings.get("cluster")
+    for key in OF_THE_MACHINE:
+        if isinstance(cluster, dict) and key in cluster:
+            raise ConfigError(f"{field}.cluster.{key}: runs are packed onto the cores together, leave it out")
+
+
+def save_study(folder: StudyFolder, study: Study) -> None:
+    """Write a study down when it starts; one that has been started stays as it is.
+
+    Raises:
+        ConfigError: the folder is that of a run, or of a study that differs.
+        Failed: the folder cannot be made.
+    """
+    if (folder.path / "config.yaml").exists():
+        raise ConfigError(f"{folder.path} is a run: give the study another --name")
+    if folder.study_file.exists():
+        _compare(folder, read_study(folder.study_file), study)
+        return
+    text = yaml.safe_dump(study.model_dump(mode="json"), sort_keys=False)
+    try:
+        for path in (folder.path, folder.runs, folder.path / "evaluations", folder.path / "references"):
+            path.mkdir(parents=True, exist_ok=True)
+        write_atomically(folder.study_file, text)
+    except OSError as error:
+        raise Failed(
+            f"cannot create {folder.path}: {error.strerror}: set RAILCTL_RUNS to a folder that you may write"
+        ) from None
+
+
+def _compare(folder: StudyFolder, saved: Study, study: Study) -> None:
+    before, now = _flat(saved), _flat(study)
+    for field in dict.fromkeys([*before, *now]):
+        if before.get(field) != now.get(field):
+            raise ConfigError(
+                f"study {saved.name} was started with {field} {before.get(field)}, not {now.get(field)}: "
+                f"give the changed one another --name, or delete {folder.path}"
+            )
+
+
+def _flat(study: Study) -> dict[str, Any]:
+    plain = study.model_dump(mode="json")
+    contenders = {contender["name"]: contender for contender in plain["contenders"]}
+    order = list(contenders)
+    return flat(plain | {"contenders": contenders}) | {"order of contenders": order}

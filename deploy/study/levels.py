@@ -1,0 +1,63 @@
+"""The levels that a study needs, in the bank before its runs start: they find them ready, and generate none twice."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+from common.config import Difficulty, RunConfig
+from common.levels.bank import LevelBank
+from common.levels.chunks import BankError
+from common.seeding import evaluation_level_seed, training_level_seed
+from common.study import PlannedRun, Study
+from deploy.commands.levels.options import TASKS
+from deploy.runs import Failed
+from deploy.task import run_task
+
+
+def missing_levels(study: Study, configs: Mapping[PlannedRun, RunConfig], bank: Path) -> dict[Difficulty, int]:
+    """How many levels have to be generated; not counted are the few that stand in for those kept from training.
+
+    Raises:
+        Failed: the bank cannot be used.
+    """
+    needed = {training_level_seed(seed, episode) for seed in study.seeds for episode in range(study.episodes)}
+    needed |= {evaluation_level_seed(index) for index in range(_evaluation_levels(study, configs))}
+    try:
+        there = LevelBank(bank)
+    except BankError as error:
+        raise Failed(str(error)) from None
+    return {level: len(needed - there.seeds(level)) for level in study.levels}
+
+
+def build_levels(study: Study, configs: Mapping[PlannedRun, RunConfig], bank: Path, processes: int) -> None:
+    """Generate what is missing; raises as `run_task`, and as `missing_levels`."""
+    lacking = [level for level, count in missing_levels(study, configs, bank).items() if count]
+    for first, last in stretches(study.seeds) if lacking else ():
+        run_task(
+            TASKS,
+            *("build", "--bank", str(bank), "--level", *lacking),
+            *("--first-seed", str(first), "--last-seed", str(last), "--episodes", str(study.episodes)),
+            *("--evaluation", str(_evaluation_levels(study, configs)), "--processes", str(processes)),
+        )
+
+
+def _evaluation_levels(study: Study, configs: Mapping[PlannedRun, RunConfig]) -> int:
+    """Of the sequence that runs are evaluated on; others are generated when they are played."""
+    final = study.evaluation.episodes if study.evaluation.seed == 0 else 0
+    return max(final, *(config.evaluation.levels for config in configs.values()))
+
+
+def stretches(numbers: Iterable[int]) -> Iterator[tuple[int, int]]:
+    """First and last of what follows without a gap.
+
+    >>> list(stretches([3, 1, 2, 7]))
+    [(1, 3), (7, 7)]
+    """
+    first: int | None = None
+    last = 0
+    for number in sorted(numbers):
+        if first is not None and number > last + 1:
+            yield first, last
+            first = None
+        first, last = number if first is None else first, number
+    if first is not None:
+        yield first, last

@@ -1,0 +1,151 @@
+"""A study whose numbers are the same, whatever is killed on the way."""
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import pytest
+import yaml
+
+from common.folder import RunFolder
+from common.locks import holder, living
+from common.study import StudyFolder, planned_runs, read_study
+from deploy.follow import wait_until
+
+PER = {"replay": "prioritized", "dqn": {"batch_size": 32, "learn_every_steps": 2}}
+STUDY = {
+    "contenders": [  # they learn much, or they would be over before anybody can disturb them
+        {"name": "per", "algorithm": "dddqn", "settings": PER},
+        {"name": "ppo", "algorithm": "ppo", "settings": {"ppo": {"epochs": 40}}},
+    ],
+    "levels": ["easy"],
+    "seeds": [3],
+    "episodes": 20,
+    "settings": {"evaluation": {"every_episodes": 20, "levels": 2}, "cluster": {"snapshot_every_episodes": 4}},
+    "evaluation": {"episodes": 5},
+    "references": ["random"],
+    "judgement": {"block": 4},
+}
+NOT_OF_THE_CURVE = {"actor", "acting_s", "trained_unix_s", "evaluated_unix_s", "evaluating_s"}
+
+
+@pytest.fixture(scope="module")
+def described(tmp_path_factory):
+    path = tmp_path_factory.mktemp("studies") / "small.yaml"
+    path.write_text(yaml.safe_dump(STUDY))
+    return path
+
+
+def folder_of(clusters, name) -> StudyFolder:
+    return StudyFolder(clusters.root / name)
+
+
+def numbers(folder: StudyFolder) -> dict[str, object]:
+    """All that a study comes to, without who did it and when."""
+    found: dict[str, object] = {}
+    for run in planned_runs(read_study(folder.study_file)):
+        place = RunFolder(folder.run(run))
+        lines = [*place.episodes_file.read_text().splitlines(), *place.evaluations_file.read_text().splitlines()]
+        found[run.name] = [{k: v for k, v in json.loads(line).items() if k not in NOT_OF_THE_CURVE} for line in lines]
+    scores = [*folder.path.glob("evaluations/*.json"), *folder.path.glob("references/*.json")]
+    return found | {path.name: path.read_text() for path in scores}
+
+
+def kill_all_of(folder: StudyFolder) -> None:
+    """The command, supervisors, learners, actors: everything at once."""
+    runs = [RunFolder(path.parent) for path in folder.runs.glob("*/config.yaml")]
+    for pid in [holder(folder, "study"), *(pid for run in runs for pid in living(run).values())]:
+        if pid is not None:
+            os.kill(pid, signal.SIGKILL)
+    assert wait_until(lambda: not any(living(run) for run in runs), 10)
+
+
+@pytest.fixture(scope="module")
+def left_alone(clusters, described):
+    output = clusters.railctl("study", "run", str(described)).stdout
+    folder = folder_of(clusters, "small")
+    assert "2 of 2 runs done, 40 of 40 episodes" in output
+    assert f"report   {folder.report}" in output
+    return numbers(folder)
+
+
+def hold(clusters, folder: StudyFolder, names=("per-easy-3", "ppo-easy-3")) -> list[RunFolder]:
+    """Wait until the runs are under way, and pause them."""
+    runs = [RunFolder(folder.runs / name) for name in names]
+    for run in runs:
+        assert wait_until(lambda run=run: has_rows(run, 2), 60)
+        clusters.pause(str(run.path))
+    return runs
+
+
+def has_rows(run: RunFolder, count: int) -> bool:
+    return run.episodes_file.exists() and run.episodes_file.read_text().count("\n") >= count
+
+
+def let_go(clusters, runs: list[RunFolder]) -> None:
+    """Have runs go on that live and are paused."""
+    for run in runs:
+        assert wait_until(lambda run=run: clusters.status(str(run.path))["state"] == "paused", 60)
+        clusters.tell_learner(str(run.path), "resume")
+
+
+def test_a_study_comes_to_the_same_numbers_whatever_is_killed(clusters, described, left_alone):
+    assert {"per-easy-3", "ppo-easy-3", "per-easy-3.json", "ppo-easy-3.json", "random-easy.json"} == set(left_alone)
+    run, folder = ("study", "run", str(described), "--name", "killed"), folder_of(clusters, "killed")
+
+    command = clusters.start(*run)
+    runs = hold(clusters, folder)
+    assert "works on study killed already" in clusters.railctl(*run, code=1).stderr
+    status = json.loads(clusters.railctl("study", "status", "killed", "--json").stdout)
+    assert (status["process"], status["runs_done"]) == (command.pid, 0)
+    command.kill()
+    command.communicate()
+
+    command = clusters.start(*run)  # adopts what lives
+    assert wait_until(lambda: holder(folder, "study") == command.pid, 60)
+    let_go(clusters, runs)
+    kill_all_of(folder)
+    command.communicate()
+
+    clusters.railctl(*run)
+    assert numbers(folder) == left_alone
+    for one in runs:  # started at the beginning, and when all had been killed
+        log = (one.logs / "supervisor.log").read_text()
+        assert log.count("supervises") <= 2
+        assert "runs already" not in log
+    assert not list(folder.runs.glob("*/snapshots/*"))  # runs that are over go nowhere
+    assert "is finished" in clusters.railctl("up", "--name", "killed/runs/ppo-easy-3").stdout
+
+
+@pytest.mark.slow
+def test_ctrl_c_stops_cleanly_and_says_how_to_go_on(clusters, described, left_alone):
+    run, folder = ("study", "run", str(described), "--name", "interrupted"), folder_of(clusters, "interrupted")
+    command = clusters.start(*run)
+    runs = hold(clusters, folder)
+    command.send_signal(signal.SIGINT)
+    output, errors = command.communicate(timeout=60)
+    assert command.returncode == 0, errors
+    assert f"stopped; railctl study run {described} --name interrupted goes on" in output
+    assert not any(map(living, runs))
+    for one in runs:
+        one.paused_file.unlink()
+    clusters.railctl(*run)
+    assert numbers(folder) == left_alone
+
+
+@pytest.mark.slow
+def test_a_run_that_cannot_go_on_stops_no_other(clusters, described, left_alone):
+    folder = folder_of(clusters, "small")
+    damaged: Path = folder.runs / "ppo-easy-3"
+    (folder.path / "evaluations" / "ppo-easy-3.json").unlink()
+    rows = (damaged / "episodes.jsonl").read_text()
+    (damaged / "outcome.json").unlink()
+    (damaged / "episodes.jsonl").write_text("nonsense\n" + rows)
+    failed = clusters.railctl("study", "run", str(described), code=1)
+    assert "! ppo-easy-3: learner cannot go on" in failed.stdout
+    assert "1 of study small failed: railctl study run" in failed.stderr
+    assert "1 of 2 runs done, 1 failed" in clusters.railctl("study", "status", "small").stdout
+    (damaged / "episodes.jsonl").write_text(rows)
+    clusters.railctl("study", "run", str(described))
+    assert numbers(folder) == left_alone  # without a snapshot it began anew

@@ -1,0 +1,133 @@
+"""From names to studies, their folders and the configurations of their runs."""
+
+import pytest
+import yaml
+
+from common.config import ConfigError
+from common.study import PlannedRun, Study, StudyFolder, planned_runs, read_study
+from deploy.runs import runs_root
+from deploy.study.described import configurations, find_folder, find_study, named, save_study, shipped_studies
+
+SMALL = {
+    "name": "small",
+    "contenders": ["dddqn", {"name": "per", "algorithm": "dddqn", "settings": {"replay": "prioritized"}}],
+    "levels": ["easy", "hard"],
+    "seeds": [4, 5],
+    "episodes": 30,
+    "judgement": {"block": 10},
+}
+
+
+@pytest.fixture(autouse=True)
+def root(tmp_path, monkeypatch):
+    monkeypatch.setenv("RAILCTL_RUNS", str(tmp_path / "runs"))
+    return tmp_path / "runs"
+
+
+def study(**changes):
+    return Study.model_validate(SMALL | changes)
+
+
+def refused(call, *arguments):
+    with pytest.raises(ConfigError) as caught:
+        call(*arguments)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_the_thesis_is_its_protocol():
+    thesis = find_study("thesis")
+    runs = configurations(thesis, cores=2)
+    assert len(runs) == 180
+    assert {config.episodes for config in runs.values()} == {1500}
+    assert {config.algorithm for config in runs.values()} == {"dqn", "ddqn", "dddqn", "ppo", "ppor", "sil"}
+    assert runs[PlannedRun("sil", "hard", 10)].replay.capacity == 40000  # table 5.3
+    assert runs[PlannedRun("ddqn", "medium", 3)].dqn.learn_every_steps == 40
+    assert (thesis.evaluation.episodes, thesis.judgement.block, thesis.judgement.zones) == (1000, 100, 3)
+
+
+@pytest.mark.parametrize("name", shipped_studies())
+def test_every_shipped_study_is_one(name):
+    found = find_study(name)
+    assert found.name == name
+    assert list(configurations(found, cores=2)) == list(planned_runs(found))
+
+
+def test_settings_of_all_runs_lie_below_those_of_a_contender():
+    given = study(settings={"replay": {"capacity": 777}, "lag": 1}, contenders=[*SMALL["contenders"], "dqn"])
+    per, plain = (configurations(given, 1)[PlannedRun(name, "hard", 5)] for name in ("per", "dqn"))
+    assert (per.replay.kind, per.replay.capacity, per.lag, per.seed) == ("prioritized", 777, 1, 5)
+    assert (plain.replay.kind, plain.replay.capacity, plain.algorithm) == ("uniform", 777, "dqn")
+    assert list(per.mix) == ["hard"]
+    assert (per.cluster.cores, per.cluster.actors) == (1, {"hard": 1})
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"contenders": ["dqnn"]}, "contender dqnn on easy: unknown algorithm 'dqnn': did you mean dqn?"),
+        (
+            {"contenders": ["dqn", {"name": "x", "algorithm": "ppo", "settings": {"dqn": {"batch_size": 3}}}]},
+            "contender x on easy: algorithm ppo has no section dqn: it has ppo",
+        ),
+        (
+            {"settings": {"dqn": {"batchsize": 3}}},
+            "contender dddqn on easy: unknown key dqn.batchsize: did you mean batch_size?",
+        ),
+        ({"settings": {"episodes": 3}}, "settings.episodes: the study says it for all its runs, leave it out"),
+        (
+            {"contenders": [{"name": "x", "algorithm": "ppo", "settings": {"seed": 3}}]},
+            "contenders.x.settings.seed: the study says it for all its runs, leave it out",
+        ),
+        (
+            {"settings": {"cluster": {"cores": 1}}},
+            "settings.cluster.cores: runs are packed onto the cores together, leave it out",
+        ),
+    ],
+)
+def test_settings_that_make_no_run_are_refused(changes, text):
+    assert refused(configurations, study(**changes), 2).startswith(text)
+
+
+def test_a_started_study_is_found_by_its_name_and_stays_as_it_is():
+    folder = StudyFolder(runs_root() / "small")
+    save_study(folder, study())
+    save_study(folder, study())
+    assert find_folder("small").path == folder.path
+    assert find_study("small") == study() == read_study(folder.study_file)
+    assert refused(save_study, folder, study(episodes=60)) == (
+        "study small was started with episodes 30, not 60: "
+        f"give the changed one another --name, or delete {folder.path}"
+    )
+    changed = study(
+        contenders=[{"name": "dddqn", "algorithm": "dddqn", "settings": {"lag": 1}}, SMALL["contenders"][1]]
+    )
+    assert "was started with contenders.dddqn.settings.lag None, not 1" in refused(save_study, folder, changed)
+    turned = study(contenders=SMALL["contenders"][::-1])
+    assert "was started with order of contenders ['dddqn', 'per'], not ['per', 'dddqn']" in refused(
+        save_study, folder, turned
+    )
+    assert find_study("small") == study()
+
+
+def test_a_file_is_found_by_what_it_says(tmp_path):
+    path = tmp_path / "any.yaml"
+    path.write_text(yaml.safe_dump(SMALL))
+    assert find_study(str(path)) == study()
+    save_study(StudyFolder(runs_root() / "small"), study())
+    assert find_folder(str(path)).path == runs_root() / "small"
+
+
+def test_what_is_not_there_is_said():
+    assert refused(find_study, "thesi").startswith("no study named 'thesi': did you mean thesis? known are thesis,")
+    assert refused(find_study, "no.yaml").startswith("no.yaml cannot be read")
+    assert refused(find_folder, "thesis").startswith("study thesis has not been started in")
+    assert refused(named, study(), "a/b").startswith("--name 'a/b': use letters")
+
+
+def test_a_run_is_no_study(root):
+    (root / "small").mkdir(parents=True)
+    (root / "small" / "config.yaml").touch()
+    assert refused(save_study, StudyFolder(root / "small"), study()) == (
+        f"{root / 'small'} is a run: give the study another --name"
+    )
