@@ -85,11 +85,13 @@ def load(
     world["breaks"] = False
     lay_rails(batch, slot, grid, numbers, places[:count])
     astray = place_trains(batch, slot, width + 2, numbers, starts, targets, orders)
-    if astray == NOTHING:
-        measure(batch, slot)
-        start(batch, slot, legacy)
+    if astray != NOTHING:
+        over[slot], deciding[slot], arrived[slot] = True, False, False
+        return ASTRAY, astray
+    measure(batch, slot)
+    start(batch, slot, legacy)
     survey(batch, slot, mode, deciding, arrived, over)
-    return (LOADED, count) if astray == NOTHING else (ASTRAY, astray)
+    return LOADED, count
 
 
 @bare_kernel
