@@ -7,6 +7,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+U2, I4 = np.dtype("<u2"), np.dtype("<i4")  # as all machines hash them
+
 
 @dataclass(frozen=True)
 class Level:
@@ -31,15 +33,13 @@ class Level:
     @cached_property
     def content_hash(self) -> str:
         """128-bit hash of the content: equal levels have equal hashes, wherever they came from."""
-        state = hashlib.blake2b(digest_size=16)
-        state.update(f"{self.grid.shape}{self.n_trains}/{self.max_steps}".encode())
-        for array, dtype in ((self.grid, "<u2"), (self.starts, "<i4"), (self.targets, "<i4")):
-            state.update(np.ascontiguousarray(array, dtype=dtype).tobytes())
-        return state.hexdigest()
+        head = f"{self.grid.shape}{self.n_trains}/{self.max_steps}".encode()
+        arrays = np.asarray(self.grid, U2), np.asarray(self.starts, I4), np.asarray(self.targets, I4)
+        content = b"".join((head, *(array.tobytes() for array in arrays)))
+        return hashlib.blake2b(content, digest_size=16).hexdigest()
 
     @cached_property
     def grid_hash(self) -> int:
         """64-bit hash of the rails alone."""
-        state = hashlib.blake2b(f"{self.grid.shape}".encode(), digest_size=8)
-        state.update(np.ascontiguousarray(self.grid, dtype="<u2").tobytes())
-        return int.from_bytes(state.digest(), "little")
+        content = f"{self.grid.shape}".encode() + np.asarray(self.grid, U2).tobytes()
+        return int.from_bytes(hashlib.blake2b(content, digest_size=8).digest(), "little")

@@ -1,4 +1,4 @@
-"""exp, log, tanh and the sigmoid in additions, multiplications and divisions: the same bits on every x86-64 processor.
+"""exp, log, tanh, sigmoid and powers in additions, multiplications, divisions: the same bits on every x86-64 processor.
 
 A system's own functions differ between versions of its library in the last bit, and a policy's choice may hang on it.
 Here everything is IEEE arithmetic in float64 in a fixed order, so it cannot differ, and its error (below 1e-12
@@ -17,6 +17,12 @@ Real = float | np.float64  # compiled, `float` of a float32 would stay one
 LARGEST_EXPONENT = 104.0  # beyond, exp is zero or infinite in float32
 LARGEST_TANH = 20.0  # beyond, tanh is one in float32 and in float64
 LARGEST_REDUCED = 1.5  # the logarithm's series is used between 1/1.5 and 1.5
+FRACTION_BITS = 52  # of a float64: below them stand 11 bits of exponent
+FRACTION = (1 << FRACTION_BITS) - 1
+ROOT_OF_HALF = 0x3FE6A09E667F3BCD  # its bits
+LEAST_NORMAL = 2.0**-1022
+LARGEST_POWER = 1021.0  # the result is between 2 to the power of minus this and of this
+ROUNDING = 1.5 * 2.0**52  # what is added to it is rounded to a whole number, which stands in the lowest bits
 
 
 @bare_kernel
@@ -79,3 +85,31 @@ def log(x: Real) -> Real:
     for odd in range(23, -1, -2):
         total = total * square + 1.0 / odd
     return exponent * 0.6931471805599453 + 2.0 * z * total
+
+
+@bare_kernel
+def power(x: Real, exponent: Real) -> Real:
+    """x^exponent for x of at least 2^-1022, which less counts as; the result is bounded by 2^-1021 and 2^1021.
+
+    To 1e-14 relative while the result is between 2^-20 and 2^20. 1^y, x^0 and powers of two in whole numbers are exact.
+    """
+    bits = np.float64(max(x, LEAST_NORMAL)).view(np.int64) - ROOT_OF_HALF
+    reduced = np.int64((bits & FRACTION) + ROOT_OF_HALF).view(np.float64)  # x over a power of two, in [0.7, 1.4]
+    z = (reduced - 1.0) / (reduced + 1.0)
+    square = z * z
+    total: Real = 1.0 / 21.0
+    total = total * square + 1.0 / 19.0
+    total = total * square + 1.0 / 17.0
+    total = total * square + 1.0 / 15.0
+    total = total * square + 1.0 / 13.0
+    total = total * square + 1.0 / 11.0
+    total = total * square + 1.0 / 9.0
+    total = total * square + 1.0 / 7.0
+    total = total * square + 1.0 / 5.0
+    total = total * square + 1.0 / 3.0
+    total = total * square + 1.0
+    log2: Real = np.float64(bits >> FRACTION_BITS) + 2.8853900817779268 * z * total
+    log2 = min(max(exponent * log2, -LARGEST_POWER), LARGEST_POWER)
+    rounded = np.float64(log2 + ROUNDING)
+    fraction = 1.0 + series_expm1((log2 - (rounded - ROUNDING)) * 0.6931471805599453)
+    return np.int64(np.float64(fraction).view(np.int64) + (rounded.view(np.int64) << FRACTION_BITS)).view(np.float64)

@@ -6,12 +6,12 @@ reward and a discount. "sample" gives a batch of 150 with all its data; "sample+
 
 cpprb's buffers are the library's own, with its defaults but for the summand of the priorities, which is ours. The plain
 ring is numpy float32 arrays; by priority it draws with `cumsum` and `searchsorted` over the whole ring, as scripts do.
-Ours ends in torch's memory, theirs in numpy's. Before anything is timed, all must give back what was put in, with the
+Ours ends in tensors, theirs in numpy's arrays. Before anything is timed, all must give back what was put in, with the
 importance weights that the paper's formula gives.
 """
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib.util import find_spec
 from typing import Any, Protocol
@@ -40,6 +40,7 @@ COLUMNS = {"action_tm1": np.int8, "reward_t": np.float32, "discount_t": np.float
 ROWS = ("observation_tm1", "observation_t")
 
 Items = dict[str, NDArray[Any]]
+Drawn = tuple[NDArray[Any], Mapping[str, Any], Any]  # arrays, or tensors
 
 
 class Contender(Protocol):
@@ -47,7 +48,7 @@ class Contender(Protocol):
 
     def add(self, items: Items) -> None: ...
 
-    def sample(self) -> tuple[NDArray[Any], Items, NDArray[np.float32]]:
+    def sample(self) -> Drawn:
         """Places, data and importance weights."""
 
     def update(self, places: NDArray[Any], priorities: NDArray[np.float64]) -> None: ...
@@ -64,9 +65,9 @@ class Ours:
     def add(self, items: Items) -> None:
         self.replay.add(items)
 
-    def sample(self) -> tuple[NDArray[Any], Items, NDArray[np.float32]]:
+    def sample(self) -> Drawn:
         columns, weights, places = self.replay.sample(BATCH, self._rng, BETA)
-        return places, {name: tensor.numpy() for name, tensor in columns.items()}, weights.numpy()
+        return places, columns, weights
 
     def update(self, places: NDArray[Any], priorities: NDArray[np.float64]) -> None:
         self.replay.reprioritise(places, priorities)
@@ -89,7 +90,7 @@ class Cpprb:
     def add(self, items: Items) -> None:
         self._buffer.add(**items)
 
-    def sample(self) -> tuple[NDArray[Any], Items, NDArray[np.float32]]:
+    def sample(self) -> Drawn:
         data = self._buffer.sample(BATCH, **self._arguments)
         return data.pop("indexes", None), data, data.pop("weights", None)
 
@@ -114,7 +115,7 @@ class Plain:
             self._leaves[places] = self._leaves.max() or 1
         self._added += count
 
-    def sample(self) -> tuple[NDArray[Any], Items, NDArray[np.float32]]:
+    def sample(self) -> Drawn:
         if self._leaves is None:
             places, weights = self._rng.integers(self._capacity, size=BATCH), np.ones(BATCH, np.float32)
         else:
@@ -175,7 +176,8 @@ def fill(contender: Contender, items: Items, capacity: int, *, prioritized: bool
     rewards, priorities = np.concatenate(kept), rng.random(capacity)
     if prioritized:
         contender.update(np.arange(capacity), priorities)
-    places, data, weights = contender.sample()
+    places, columns, importance = contender.sample()
+    data, weights = {name: np.asarray(column) for name, column in columns.items()}, np.asarray(importance)
     by_reward = {float(reward): row for reward, row in zip(items["reward_t"], items["observation_t"], strict=True)}
     expected = np.array([by_reward[reward] for reward in data["reward_t"].reshape(-1).tolist()])
     if not np.array_equal(data["observation_t"], expected):

@@ -4,11 +4,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import bare_kernel, kernel
-from common.rail.compiled.arrays import DONE, WAYS, Batch
+from common.rail.compiled.arrays import DONE, NOTHING, WAYS, Batch
 from common.rail.compiled.decisions import decides
-from common.rail.compiled.paths import lay_rails, measure
+from common.rail.compiled.paths import lay_rails, measure, number_cells
 from common.rail.compiled.step import start, step
 from common.rail.world import MOVE_FORWARD
+
+LOADED, OFF_GRID, NO_ROOM, ASTRAY = range(4)
 
 
 @bare_kernel
@@ -35,12 +37,9 @@ def load(
     batch: Batch,
     slot: int,
     grid: NDArray[np.uint16],
-    numbers: NDArray[np.int32],
-    count: int,
     starts: NDArray[np.int32],
     targets: NDArray[np.int32],
-    speeds: NDArray[np.int32],
-    departures: NDArray[np.int32],
+    orders: NDArray[np.int32],
     unit: int,
     max_steps: int,
     legacy: bool,
@@ -48,41 +47,88 @@ def load(
     deciding: NDArray[np.bool_],
     arrived: NDArray[np.bool_],
     over: NDArray[np.bool_],
-) -> int:
-    """Put a level into a slot, and survey it; the first train whose target has no rails, or -1.
+) -> tuple[int, int]:
+    """Put a level into a slot, and survey it.
 
-    `numbers` [H, W] numbers the cells of `grid` [H, W], `count` in all. `starts` [N, 3] are row, column, heading;
-    `targets` [N, 3] row, column, and a bit for each heading that counts, 0 for all that the rails allow; `speeds` [N]
-    are in 1 / `unit` cells a step; `departures` [N] are times.
+    Args:
+        batch: of which the slot is overwritten.
+        slot: which one.
+        grid: [H, W].
+        starts: [N, 3], row, column, heading.
+        targets: [N, 2], row, column.
+        orders: [N, 3], see `Traffic.orders`.
+        unit: as there.
+        max_steps: the step limit.
+        legacy: the rules.
+        mode: of decisions.
+        deciding: [E, N], overwritten in the slot.
+        arrived: [E, N], overwritten in the slot.
+        over: [E], overwritten in the slot.
+
+    Returns:
+        LOADED, and the number of cells; or OFF_GRID; or NO_ROOM, and the number of cells that there must be room for;
+        these change nothing. Or ASTRAY, and the first train whose target has no rails: then the slot is over.
     """
+    height, width = grid.shape
+    numbers, places = np.empty((height + 2) * (width + 2), np.int32), np.empty(height * width + 1, np.int32)
+    count = number_cells(grid, starts, targets, numbers, places)
+    if count == NOTHING:
+        return OFF_GRID, 0
+    if count > batch.cells.shape[1]:
+        return NO_ROOM, count
     world = batch.worlds[slot]
     world["trains"] = len(starts)
     world["cells"] = count
     world["unit"] = unit
     world["max_steps"] = max_steps
-    lay_rails(batch, slot, grid, numbers, count)
+    world["over"] = True
+    world["breaks"] = False
+    lay_rails(batch, slot, grid, numbers, places[:count])
+    astray = place_trains(batch, slot, width + 2, numbers, starts, targets, orders)
+    if astray != NOTHING:
+        over[slot], deciding[slot], arrived[slot] = True, False, False
+        return ASTRAY, astray
+    measure(batch, slot)
+    start(batch, slot, legacy)
+    survey(batch, slot, mode, deciding, arrived, over)
+    return LOADED, count
+
+
+@bare_kernel
+def place_trains(
+    batch: Batch,
+    slot: int,
+    line: int,
+    numbers: NDArray[np.int32],
+    starts: NDArray[np.int32],
+    targets: NDArray[np.int32],
+    orders: NDArray[np.int32],
+) -> int:
+    """Give the trains of a slot their orders; the first whose target has no rails, or NOTHING.
+
+    `numbers` are those of `number_cells`, whose lines are so long.
+    """
+    unit = batch.worlds[slot]["unit"]
     for at in range(len(starts)):
         train = batch.trains[slot, at]
-        target = numbers[targets[at, 0], targets[at, 1]]
+        target = numbers[(targets[at, 0] + 1) * line + targets[at, 1] + 1]
+        speed, departure, headings = orders[at, 0], orders[at, 1], orders[at, 2]
         ways = 0
         for heading in range(4):
             if batch.codes[slot, target * 4 + heading] & WAYS:
                 ways |= 1 << heading
-        if targets[at, 2]:
-            ways &= targets[at, 2]
+        if headings:
+            ways &= headings
         if ways == 0:
             return at
-        train["start"] = numbers[starts[at, 0], starts[at, 1]] * 4 + starts[at, 2]
+        train["start"] = numbers[(starts[at, 0] + 1) * line + starts[at, 1] + 1] * 4 + starts[at, 2]
         train["target"] = target
         train["target_ways"] = ways
-        train["full_speed"] = speeds[at]
-        train["departure"] = departures[at]
-        train["steps_per_cell"] = unit // speeds[at]
-        train["time_per_cell"] = 1.0 / (speeds[at] / unit)
-    measure(batch, slot)
-    start(batch, slot, legacy)
-    survey(batch, slot, mode, deciding, arrived, over)
-    return -1
+        train["full_speed"] = speed
+        train["departure"] = departure
+        train["steps_per_cell"] = unit // speed
+        train["time_per_cell"] = 1.0 / (speed / unit)
+    return NOTHING
 
 
 @bare_kernel

@@ -24,8 +24,6 @@ from common.rail.compiled.arrays import (
 )
 
 DIAMOND_CROSSING = 0b1000010000100001  # flatland does not take it for a switch
-ROWS_OF_STEPS = np.array([-1, 0, 1, 0])
-COLUMNS_OF_STEPS = np.array([0, 1, 0, -1])
 
 
 @bare_kernel
@@ -37,72 +35,94 @@ def ways_out(cell: int, heading: int) -> int:
 
 @bare_kernel
 def count_bits(number: int) -> int:
-    count = 0
-    while number:
-        number &= number - 1
-        count += 1
-    return count
+    """Of a number below 2^16; without a branch, as all here that goes through cells: no two levels are alike."""
+    pairs = number - (number >> 1 & 0x5555)
+    fours = (pairs & 0x3333) + (pairs >> 2 & 0x3333)
+    eights = (fours + (fours >> 4)) & 0x0F0F
+    return (eights + (eights >> 8)) & 31
 
 
 @bare_kernel
 def number_cells(
-    grid: NDArray[np.uint16], starts: NDArray[np.int32], targets: NDArray[np.int32], numbers: NDArray[np.int32]
+    grid: NDArray[np.uint16],
+    starts: NDArray[np.int32],
+    targets: NDArray[np.int32],
+    numbers: NDArray[np.int32],
+    places: NDArray[np.int32],
 ) -> int:
-    """Number the cells of [H, W] that matter, the others NOTHING; how many, or NOTHING if rails lead off the grid."""
+    """Number the cells that matter, row after row; how many, or NOTHING if rails lead off the grid.
+
+    Args:
+        grid: [H, W].
+        starts: [N, 3], row, column, heading.
+        targets: [N, 2], row, column.
+        numbers: [(H + 2) * (W + 2)], the grid with a margin; overwritten with numbers, and NOTHING for other cells.
+        places: [H * W + 1], overwritten with where the cells stand in `numbers`, in their order.
+    """
     height, width = grid.shape
-    numbers[:] = NOTHING
-    for train in range(len(starts)):
-        numbers[starts[train, 0], starts[train, 1]] = 0
-        numbers[targets[train, 0], targets[train, 1]] = 0
-    for row in range(height):
-        for column in range(width):
-            if grid[row, column] == 0:
-                continue
-            numbers[row, column] = 0
-            for heading in range(4):
-                ways = ways_out(int(grid[row, column]), heading)
-                for way in range(4):
-                    if ways >> way & 1:
-                        to_row, to_column = row + ROWS_OF_STEPS[way], column + COLUMNS_OF_STEPS[way]
-                        if to_row < 0 or to_row >= height or to_column < 0 or to_column >= width:
-                            return NOTHING
-                        numbers[to_row, to_column] = 0
+    line = width + 2
+    numbers[:] = 0  # first: whether a cell matters
     count = 0
     for row in range(height):
         for column in range(width):
-            if numbers[row, column] == 0:
-                numbers[row, column] = count
-                count += 1
+            places[count] = (row + 1) * line + column + 1
+            count += grid[row, column] != 0
+    for at in places[:count]:
+        piece = int(grid[at // line - 1, at % line - 1])
+        ways = ways_out(piece | piece >> 4 | piece >> 8 | piece >> 12, 3)
+        numbers[at] = 1
+        numbers[at - line] |= ways & 1
+        numbers[at + 1] |= ways >> 1 & 1
+        numbers[at + line] |= ways >> 2 & 1
+        numbers[at - 1] |= ways >> 3
+    if numbers[:line].any() or numbers[-line:].any() or numbers[::line].any() or numbers[line - 1 :: line].any():
+        return NOTHING
+    for train in range(len(starts)):
+        numbers[(starts[train, 0] + 1) * line + starts[train, 1] + 1] = 1
+        numbers[(targets[train, 0] + 1) * line + targets[train, 1] + 1] = 1
+    count = 0
+    for at in range(len(numbers)):
+        matters = numbers[at]
+        numbers[at] = count if matters else NOTHING
+        places[count] = at
+        count += matters
     return count
 
 
 @kernel
-def lay_rails(batch: Batch, slot: int, grid: NDArray[np.uint16], numbers: NDArray[np.int32], count: int) -> None:
-    """Fill `cells`, `codes` and `leads` of a slot; nobody is there yet."""
-    height, width = grid.shape
+def lay_rails(
+    batch: Batch, slot: int, grid: NDArray[np.uint16], numbers: NDArray[np.int32], places: NDArray[np.int32]
+) -> None:
+    """Fill `cells`, `codes` and `leads` of a slot; nobody is there yet. `places` is as long as there are cells."""
     codes, leads, cells = batch.codes[slot], batch.leads[slot], batch.cells[slot]
-    for row in range(height):
-        for column in range(width):
-            cell = numbers[row, column]
-            if cell == NOTHING:
-                continue
-            cells[cell]["row"] = row
-            cells[cell]["column"] = column
-            cells[cell]["train"] = NOTHING
-            cells[cell]["claim"] = NOTHING
-            cells[cell]["waiting"] = 0
-            piece = int(grid[row, column])
-            bits = 2 if piece == DIAMOND_CROSSING else count_bits(piece)
-            for heading in range(4):
-                to_row, to_column = row + ROWS_OF_STEPS[heading], column + COLUMNS_OF_STEPS[heading]
-                to = NOTHING
-                if 0 <= to_row < height and 0 <= to_column < width:
-                    to = numbers[to_row, to_column]
-                leads[cell * 4 + heading] = NOTHING if to == NOTHING else to * 4 + heading
-            for heading in range(4):
-                codes[cell * 4 + heading] = code_of(ways_out(piece, heading), bits, leads[cell * 4 : cell * 4 + 4])
-    mark_loops(codes, count * 4)
-    mark_decisions(codes, leads, grid, cells, count)
+    line = grid.shape[1] + 2
+    forks = np.empty(len(places), np.bool_)
+    for cell in range(len(places)):
+        at, first = places[cell], cell * 4
+        row, column = at // line - 1, at % line - 1
+        cells[cell]["row"] = row
+        cells[cell]["column"] = column
+        cells[cell]["train"] = NOTHING
+        cells[cell]["claim"] = NOTHING
+        cells[cell]["waiting"] = 0
+        leads[first] = lead(numbers[at - line], 0)
+        leads[first + 1] = lead(numbers[at + 1], 1)
+        leads[first + 2] = lead(numbers[at + line], 2)
+        leads[first + 3] = lead(numbers[at - 1], 3)
+        piece = int(grid[row, column])
+        bits = count_bits(piece)
+        forks[cell] = bits > 2
+        bits = 2 if piece == DIAMOND_CROSSING else bits
+        for heading in range(4):
+            codes[first + heading] = code_of(ways_out(piece, heading), bits, leads[first : first + 4])
+    mark_loops(codes, len(places) * 4)
+    mark_decisions(codes[: len(places) * 4], forks)
+
+
+@bare_kernel
+def lead(cell: int, heading: int) -> int:
+    """The configuration in a cell, NOTHING in none."""
+    return NOTHING if cell == NOTHING else cell * 4 + heading
 
 
 @bare_kernel
@@ -112,17 +132,12 @@ def code_of(ways: int, bits: int, leads: NDArray[np.int32]) -> int:
     What depends on more than the cell is left out.
     """
     exits = count_bits(ways)
-    code = ways
-    if exits == 1:
-        way = 0 if ways == 1 else 1 if ways == 2 else 2 if ways == 4 else 3
-        code |= SINGLE | int(leads[way]) << AHEAD_SHIFT
-        if bits == 1:
-            code |= DEAD_END
-    if exits < 2 < bits:
-        code |= UNUSABLE
-    if exits == 1 and bits == 2:
-        code |= PLAIN
-    return code
+    single = int(exits == 1)
+    way = ((ways >> 1) - (ways >> 3)) & 3  # of a single one
+    code = ways | single * (SINGLE | int(leads[way]) << AHEAD_SHIFT)
+    code |= DEAD_END * (single & (bits == 1))
+    code |= UNUSABLE * (exits < 2 < bits)
+    return code | PLAIN * (single & (bits == 2))
 
 
 @kernel
@@ -142,22 +157,29 @@ def mark_loops(codes: NDArray[np.int32], count: int) -> None:
 
 
 @bare_kernel
-def mark_decisions(
-    codes: NDArray[np.int32],
-    leads: NDArray[np.int32],
-    grid: NDArray[np.uint16],
-    cells: NDArray[np.void],
-    count: int,
+def mark_decisions(codes: NDArray[np.int32], forks: NDArray[np.bool_]) -> None:
+    """Mark where there is a choice, or the next cell is one of `forks`: those of more than two transitions."""
+    for here in range(len(codes)):
+        code = int(codes[here])
+        single = (code & SINGLE) != 0
+        ahead = code >> AHEAD_SHIFT >> 2  # 0 if there is no single one
+        decides = (count_bits(code & WAYS) >= 2) | (single & forks[ahead])
+        codes[here] = code | DECIDES * decides
+
+
+@bare_kernel
+def trace_back(
+    codes: NDArray[np.int32], leads: NDArray[np.int32], before: NDArray[np.int32], counts: NDArray[np.int32]
 ) -> None:
-    for here in range(count * 4):
+    """Fill `before` [4C, 4] with the configurations from which trains come, `counts` [4C] with how many these are."""
+    counts[:] = 0
+    for here in range(len(counts)):
         ways = codes[here] & WAYS
-        decides = count_bits(ways) >= 2
         for way in range(4):
             if ways >> way & 1:
-                ahead = cells[leads[(here & ~3) + way] >> 2]
-                decides = decides or count_bits(int(grid[ahead["row"], ahead["column"]])) > 2
-        if decides:
-            codes[here] |= DECIDES
+                to = leads[(here & ~3) + way]
+                before[to, counts[to]] = here
+                counts[to] += 1
 
 
 @kernel
@@ -165,8 +187,9 @@ def measure(batch: Batch, slot: int) -> None:
     """Fill `distances` of a slot, and mark the targets, once its trains have got theirs."""
     codes, leads = batch.codes[slot], batch.leads[slot]
     trains, distances = batch.trains[slot], batch.distances[slot]
-    count = batch.worlds[slot]["cells"]
-    queue = np.empty(count * 4, np.int32)
+    count = batch.worlds[slot]["cells"] * 4
+    queue, counts, before = np.empty(count, np.int32), np.empty(count, np.int32), np.empty((count, 4), np.int32)
+    trace_back(codes, leads, before, counts)
     for train in range(batch.worlds[slot]["trains"]):
         target, ways = trains[train]["target"], trains[train]["target_ways"]
         for here in range(target * 4, target * 4 + 4):
@@ -175,12 +198,12 @@ def measure(batch: Batch, slot: int) -> None:
         known = False
         for other in range(train):
             if trains[other]["target"] == target and trains[other]["target_ways"] == ways:
-                distance[: count * 4] = distances[other, : count * 4]
+                distance[:count] = distances[other, :count]
                 known = True
                 break
         if known:
             continue
-        distance[: count * 4] = UNREACHED
+        distance[:count] = UNREACHED
         begin = end = 0
         for heading in range(4):
             if ways >> heading & 1:
@@ -190,12 +213,9 @@ def measure(batch: Batch, slot: int) -> None:
         while begin < end:
             here = queue[begin]
             begin += 1
-            heading = here & 3
-            before = leads[(here & ~3) + ((heading + 2) & 3)] >> 2  # the cell behind
-            if before < 0:
-                continue
-            for other in range(before * 4, before * 4 + 4):
-                if codes[other] >> heading & 1 and distance[other] == UNREACHED:
+            for number in range(counts[here]):
+                other = before[here, number]
+                if distance[other] == UNREACHED:
                     distance[other] = distance[here] + 1
                     queue[end] = other
                     end += 1

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cache
 from math import lcm
 
 import numpy as np
@@ -35,6 +36,16 @@ class Traffic:
         slow = any(speed != 1 for speed in self.speeds or ())
         return not slow and not any(self.departures or ()) and self.malfunctions is None
 
+    def orders(self, n_trains: int) -> tuple[NDArray[np.int32], int]:
+        """[N, 3]: full speed, earliest departure, a bit for each heading that counts at the target; and the unit.
+
+        Speeds are multiples of 1 / unit; no bit at all stands for all headings that the rails allow.
+        """
+        if self is STUDY:
+            return plain_orders(n_trains), 1
+        speeds, unit = self.integer_speeds(n_trains)
+        return np.stack((speeds, self.departure_times(n_trains), self.target_masks(n_trains)), axis=1), unit
+
     def integer_speeds(self, n_trains: int) -> tuple[NDArray[np.int32], int]:
         """[N] full speeds as multiples of 1 / unit, and the unit."""
         if self.speeds is None:
@@ -64,6 +75,12 @@ class Traffic:
         if len(headings) != n_trains:
             raise ValueError(f"{n_trains} trains need as many lists of headings at targets: {headings}")
         return np.array([sum(1 << heading for heading in set(some)) for some in headings], np.int32)
+
+
+@cache
+def plain_orders(n_trains: int) -> NDArray[np.int32]:
+    """The `Traffic.orders` of the study."""
+    return np.tile(np.array([1, 0, 0], np.int32), (n_trains, 1))
 
 
 STUDY = Traffic()

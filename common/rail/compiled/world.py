@@ -12,10 +12,9 @@ from common.levels.level import Level
 from common.rail.compiled import decisions as decision_modes
 from common.rail.compiled import tree as tree_modes
 from common.rail.compiled.arrays import DONE, MOST_CELLS, Batch, empty_batch, enlarged
-from common.rail.compiled.batches import load, step_all
+from common.rail.compiled.batches import ASTRAY, NO_ROOM, OFF_GRID, load, step_all
 from common.rail.compiled.looking import look, look_at_all
 from common.rail.compiled.malfunctions import Malfunctions
-from common.rail.compiled.paths import number_cells
 from common.rail.compiled.traffic import STUDY, Traffic
 from common.rail.compiled.tree import MOST_PREDICTED_STEPS, N_NODE_FEATURES, Sight, nodes_of, sight_of
 
@@ -99,34 +98,31 @@ class CompiledWorld:
         n_trains = level.n_trains
         if n_trains > self.max_trains:
             raise ValueError(f"the level has {n_trains} trains, the world has room for {self.max_trains}")
-        if self._legacy and not traffic.is_plain:
+        if self._legacy and traffic is not STUDY and not traffic.is_plain:
             raise ValueError("the rules of 2.2.2 know speed 1 only, no timetables and no malfunctions: use stock rules")
-        speeds, unit = traffic.integer_speeds(n_trains)
-        departures = traffic.departure_times(n_trains)
-        grid = np.ascontiguousarray(level.grid, np.uint16)
-        starts = np.ascontiguousarray(level.starts, np.int32)
-        targets = np.empty((n_trains, 3), np.int32)
-        targets[:, :2], targets[:, 2] = level.targets, traffic.target_masks(n_trains)
-        numbers = np.empty(grid.shape, np.int32)
-        count = number_cells(grid, starts, targets, numbers)
-        if count < 0:
+        orders, unit = traffic.orders(n_trains)
+        outcome, number = self._load(slot, level, orders, unit)
+        if outcome == NO_ROOM:
+            if number > MOST_CELLS:
+                raise ValueError(f"the level has {number} cells with rails, {MOST_CELLS} are supported")
+            self._make_room(cells=number)
+            outcome, number = self._load(slot, level, orders, unit)
+        if outcome == OFF_GRID:
             raise ValueError("the level's rails lead off the grid")
-        if count > MOST_CELLS:
-            raise ValueError(f"the level has {count} cells with rails, {MOST_CELLS} are supported")
-        self._make_room(count, traffic.malfunctions)
-        self._take(slot, traffic.malfunctions)
-        self._over[slot] = self.batch.worlds[slot]["over"] = True
-        self._deciding[slot] = self._arrived[slot] = False
-        astray = load(
+        self._seen = None
+        if outcome == ASTRAY:
+            raise ValueError(f"no train can stand on the target of train {number}")
+        if traffic.malfunctions is not None:
+            self._take(slot, traffic.malfunctions)
+
+    def _load(self, slot: int, level: Level, orders: NDArray[np.int32], unit: int) -> tuple[int, int]:
+        return load(
             self.batch,
             slot,
-            grid,
-            numbers,
-            count,
-            starts,
-            targets,
-            speeds,
-            departures,
+            np.ascontiguousarray(level.grid, np.uint16),
+            np.ascontiguousarray(level.starts, np.int32),
+            np.ascontiguousarray(level.targets, np.int32),
+            orders,
             unit,
             level.max_steps,
             self._legacy,
@@ -135,9 +131,6 @@ class CompiledWorld:
             self._arrived,
             self._over,
         )
-        if astray >= 0:
-            raise ValueError(f"no train can stand on the target of train {astray}")
-        self._seen = None
 
     def parts(self) -> Parts:
         """What compiled code needs to run this world itself; valid until the next `load`."""
@@ -238,17 +231,16 @@ class CompiledWorld:
         if self._tree == tree_modes.LEGACY and self.batch.trains[slot, train]["state"] == DONE:
             raise ValueError(f"train {train} has arrived: it sees nothing")
 
-    def _make_room(self, cells: int, malfunctions: Malfunctions | None) -> None:
-        broken_bytes = 1 if malfunctions is None else len(malfunctions.broken)
+    def _make_room(self, cells: int = 1, broken_bytes: int = 1) -> None:
         if cells > self.batch.cells.shape[1] or broken_bytes > self.batch.broken.shape[1]:
             self.batch = enlarged(self.batch, cells, broken_bytes)
             self._sight = sight_of(self.batch, self._depth, self._predicted_steps)
 
-    def _take(self, slot: int, malfunctions: Malfunctions | None) -> None:
+    def _take(self, slot: int, malfunctions: Malfunctions) -> None:
+        self._make_room(broken_bytes=len(malfunctions.broken))
         world = self.batch.worlds[slot]
-        world["breaks"] = malfunctions is not None
-        if malfunctions is not None:
-            world["shortest"], world["longest"] = malfunctions.shortest, malfunctions.longest
-            world["draw"] = malfunctions.draw
-            self.batch.broken[slot] = malfunctions.broken
-            self.batch.twister[slot] = malfunctions.twister
+        world["breaks"] = True
+        world["shortest"], world["longest"] = malfunctions.shortest, malfunctions.longest
+        world["draw"] = malfunctions.draw
+        self.batch.broken[slot] = malfunctions.broken
+        self.batch.twister[slot] = malfunctions.twister

@@ -12,34 +12,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import bare_kernel
+from common.policy.arithmetic import power
 
 ADDED_TO_PRIORITY = 1e-6
 
 
 class Priorities:
-    """The priorities of at most `capacity` items."""
+    """The priorities of at most `capacity` items.
+
+    Attributes:
+        tree: node i has the children 2i and 2i + 1; the root is 1, leaves come last.
+    """
 
     def __init__(self, capacity: int, alpha: float) -> None:
         self._alpha = alpha
         self._maximum = 1.0
         leaves = 1 << (capacity - 1).bit_length()
-        self._tree = np.zeros(2 * leaves)  # node i has the children 2i and 2i + 1; the root is 1, leaves come last
-        self._leaves = self._tree[leaves : leaves + capacity]
+        self.tree = np.zeros(2 * leaves)
+        self._leaves = self.tree[leaves : leaves + capacity]
 
     @property
     def nbytes(self) -> int:
         """Bytes of all arrays."""
-        return self._tree.nbytes
+        return self.tree.nbytes
 
     @property
     def total(self) -> float:
         """Sum over all items of (priority + a little)^alpha."""
-        return float(self._tree[1])
+        return float(self.tree[1])
 
     @property
     def largest(self) -> float:
         """What an item of the largest priority so far adds to the total."""
-        return float((self._maximum + ADDED_TO_PRIORITY) ** self._alpha)
+        return float(power(self._maximum + ADDED_TO_PRIORITY, self._alpha))
 
     def put(self, places: NDArray[np.int64], priorities: NDArray[np.float64] | None) -> None:
         """Give the items at `places` [B] these priorities; none: the largest so far, 1 at the start.
@@ -54,19 +59,10 @@ class Priorities:
         priorities = np.array(priorities, np.float64)
         if priorities.shape != places.shape:
             raise ValueError(f"{len(places)} items need as many priorities, got {priorities.shape}")
-        largest = update(self._tree, places, priorities, len(self._leaves), self._alpha)
+        largest = update(self.tree, places, priorities, len(self._leaves), self._alpha)
         if largest < 0:
             raise ValueError("a priority must be finite and at least 0, its place one of the replay")
         self._maximum = max(self._maximum, largest)
-
-    def draw(self, rng: np.random.Generator, beta: float, weights: NDArray[np.float32]) -> NDArray[np.int64]:
-        """The places [B] of as many items as `weights` [B] is long, which gets their importance weights.
-
-        Weights are (1/(N P(i)))^beta divided by the largest among them.
-        """
-        places = np.empty(len(weights), np.int64)
-        find(self._tree, rng.random(len(weights)), beta, places, weights)
-        return places
 
     def state(self, size: int) -> dict[str, NDArray[Any]]:
         """A copy of everything, for items at the first `size` places."""
@@ -75,11 +71,11 @@ class Priorities:
     def restore(self, leaves: NDArray[np.float64], maximum: float) -> None:
         """Take on a `state`."""
         self._maximum = maximum
-        self._tree[:] = 0
+        self.tree[:] = 0
         self._leaves[: len(leaves)] = leaves
-        level = len(self._tree) // 2
+        level = len(self.tree) // 2
         while level > 1:
-            self._tree[level // 2 : level] = self._tree[level : 2 * level : 2] + self._tree[level + 1 : 2 * level : 2]
+            self.tree[level // 2 : level] = self.tree[level : 2 * level : 2] + self.tree[level + 1 : 2 * level : 2]
             level //= 2
 
 
@@ -88,6 +84,8 @@ def update(
     tree: NDArray[np.float64], places: NDArray[np.int64], priorities: NDArray[np.float64], capacity: int, alpha: float
 ) -> float:
     """Set leaves, in their order, then all sums above them, level by level: so the processor does many at a time.
+
+    `priorities` is overwritten.
 
     Returns:
         The largest priority (0 for none), or -1 if there is one that cannot be; then nothing has changed.
@@ -99,7 +97,9 @@ def update(
         largest = max(largest, priorities[item])
     leaves = len(tree) // 2
     for item in range(len(places)):
-        tree[leaves + places[item]] = (priorities[item] + ADDED_TO_PRIORITY) ** alpha
+        priorities[item] = power(priorities[item] + ADDED_TO_PRIORITY, alpha)
+    for item in range(len(places)):
+        tree[leaves + places[item]] = priorities[item]
     parents, level = leaves // 2, 1
     while parents > 0:
         for place in places:
@@ -110,17 +110,11 @@ def update(
 
 
 @bare_kernel
-def find(
-    tree: NDArray[np.float64],
-    draws: NDArray[np.float64],
-    beta: float,
-    places: NDArray[np.int64],
-    weights: NDArray[np.float32],
-) -> None:
-    """Where the sum of all leaves before passes (i + draws[i]) / B of the total, and the weights found there.
+def find(tree: NDArray[np.float64], draws: NDArray[np.float64], places: NDArray[np.int64]) -> None:
+    """Fill `places` [B] with where the sum of all leaves before passes (i + draws[i]) / B of the total.
 
-    All draws go down the tree together, level by level, as in `update`; `draws` is overwritten. A draw that rounding
-    carries past the last leaf ends on the last one that is not zero.
+    All draws go down the tree together, level by level, as in `update`; `draws` [B] is overwritten. A draw that
+    rounding carries past the last leaf ends on the last one that is not zero.
     """
     leaves, size = len(tree) // 2, len(draws)
     for item in range(size):
@@ -130,13 +124,30 @@ def find(
     while level < leaves:
         for item in range(size):
             node = 2 * places[item]
-            goes_right = (draws[item] >= tree[node]) & (tree[node + 1] > 0)
-            draws[item] -= tree[node] * goes_right
+            left, draw = tree[node], draws[item]
+            goes_right = (draw >= left) & (tree[node + 1] > 0)
+            draws[item] = draw - (left if goes_right else 0.0)
             places[item] = node + goes_right
         level *= 2
-    least = np.inf
-    for place in places:
-        least = min(least, tree[place])
     for item in range(size):
-        weights[item] = (least / tree[places[item]]) ** beta
         places[item] -= leaves
+
+
+@bare_kernel
+def weigh(
+    tree: NDArray[np.float64],
+    places: NDArray[np.int64],
+    beta: float,
+    leaves: NDArray[np.float64],
+    weights: NDArray[np.float32],
+) -> None:
+    """Fill `weights` [B] with the importance weights (1/(N P(i)))^beta of the items at `places` [B] over the largest.
+
+    `leaves` [B] is overwritten with what they add to the total.
+    """
+    first, least = len(tree) // 2, np.inf
+    for item in range(len(places)):
+        leaves[item] = tree[first + places[item]]
+        least = min(least, leaves[item])
+    for item in range(len(leaves)):
+        weights[item] = power(least / leaves[item], beta)

@@ -15,12 +15,15 @@ from torch import Tensor
 
 from common.config import ReplayConfig
 from common.kernel import bare_kernel
+from services.learner.replay.drawing import draw, gather
 from services.learner.replay.priorities import Priorities
 from services.learner.replay.rows import RowRing
 
 BACK = "back"  # the column that `histories` follows
 ROWS = "rows"  # of a state
 PRIORITIES = ("priorities", "priority_maximum")
+NUMBERS = (np.int8, np.int16, np.int32, np.float32)  # what a column may be
+ALIGNED = 16  # items, so that whatever is given out begins with a line of the cache
 
 
 class Sample(NamedTuple):
@@ -49,8 +52,17 @@ class Replay:
         """
         self._capacity = config.capacity
         self._n_features = n_features
-        # Not zeros: the kernel gives pages to this memory only as the ring fills.
-        self._columns: dict[str, NDArray[Any]] = {name: np.empty(config.capacity, columns[name]) for name in columns}
+        self._dtypes = {name: np.dtype(dtype) for name, dtype in columns.items()}
+        if wrong := {name: str(dtype) for name, dtype in self._dtypes.items() if dtype not in NUMBERS}:
+            raise ValueError(f"columns are of {', '.join(dtype.__name__ for dtype in NUMBERS)}, not {wrong}")
+        self._integers = tuple(name for name, dtype in self._dtypes.items() if dtype.kind == "i")
+        self._floats = tuple(name for name, dtype in self._dtypes.items() if dtype.kind == "f")
+        # An item's numbers lie side by side. Not zeros: the kernel gives pages to this memory only as the ring fills.
+        self._numbers = np.empty((config.capacity, len(columns)), np.uint32)
+        self._columns: dict[str, NDArray[Any]] = {
+            name: self._numbers.view(np.int32 if name in self._integers else np.float32)[:, column]
+            for column, name in enumerate((*self._integers, *self._floats))
+        }
         self._row_names = tuple(rows)
         self._rows = RowRing(config.capacity, len(rows), n_features)
         prioritized = config.kind == "prioritized"
@@ -65,8 +77,7 @@ class Replay:
     @property
     def nbytes(self) -> int:
         """Bytes of all that is kept, and of the room for more."""
-        columns = sum(column.nbytes for column in self._columns.values())
-        return columns + self._rows.nbytes + (self._priorities.nbytes if self._priorities else 0)
+        return self._numbers.nbytes + self._rows.nbytes + (self._priorities.nbytes if self._priorities else 0)
 
     def add(self, items: Mapping[str, NDArray[Any]], priorities: NDArray[np.float64] | None = None) -> None:
         """Append M items, oldest first; without `priorities` they get the largest that there has been, 1 at first.
@@ -100,13 +111,13 @@ class Replay:
             raise ValueError("cannot sample from an empty replay: add something first")
         if len(self._sample.places) != size:
             self._make_sample(size)
+        items = *self._items, *self._rows.arrays, self._rows_out
         if self._priorities:
-            places = self._priorities.draw(rng, beta, self._weights_out)
+            places = np.empty(size, np.int64)
+            draw(self._priorities.tree, rng.random(size), beta, self._weights_out, places, *items)
         else:
             places = rng.integers(len(self), size=size)
-        for name, column in self._columns.items():
-            self._columns_out[name][:] = column[places]
-        self._rows.gather(places, self._rows_out)
+            gather(places, *items)
         return Sample(self._sample.columns, self._sample.weights, places)
 
     def reprioritise(self, places: NDArray[np.int64], priorities: NDArray[np.float64]) -> None:
@@ -131,7 +142,7 @@ class Replay:
             self._histories = torch.empty(length, len(places), self._n_features)
         chain = np.empty((length, len(places)), np.int64)
         follow(self._columns[BACK], self._oldest, self._capacity, places, chain)
-        self._rows.gather(chain.reshape(-1), (_bits(self._histories.numpy()).reshape(-1, self._n_features),))
+        self._rows.gather(chain.reshape(-1), _bits(self._histories.numpy()).reshape(1, -1, self._n_features))
         return self._histories
 
     def telling(self) -> dict[str, float]:
@@ -145,7 +156,7 @@ class Replay:
     def state(self) -> dict[str, NDArray[Any]]:
         """A copy of all that the ring holds, in the order of its places, and its cursor."""
         size = len(self)
-        state = {name: column[:size].copy() for name, column in self._columns.items()}
+        state = {name: self._columns[name][:size].astype(dtype) for name, dtype in self._dtypes.items()}
         state[ROWS] = self._rows.state(size)
         if self._priorities:
             state |= self._priorities.state(size)
@@ -178,14 +189,14 @@ class Replay:
 
     def _checked_size(self, state: Mapping[str, NDArray[Any]]) -> int:
         """How many items a state holds, once all but its rows fits."""
-        name = next(iter(self._columns))
+        name = next(iter(self._dtypes))
         size, cursor = len(state[name]), int(state["cursor"])
         if size > self._capacity:
             raise ValueError(f"replay: {name} holds {size} items, the capacity is {self._capacity}")
         if not (cursor == size % self._capacity if size < self._capacity else 0 <= cursor < size):
             raise ValueError(f"replay: cursor {cursor} does not fit {size} items")
         wanted: dict[str, tuple[np.dtype[Any], tuple[int, ...]]]
-        wanted = {name: (column.dtype, (size,)) for name, column in self._columns.items()}
+        wanted = {name: (dtype, (size,)) for name, dtype in self._dtypes.items()}
         wanted[ROWS] = (np.dtype(np.uint32), state[ROWS].shape[:1])
         if self._priorities:
             wanted |= {"priorities": (np.dtype(np.float64), (size,)), "priority_maximum": (np.dtype(np.float64), ())}
@@ -200,16 +211,17 @@ class Replay:
 
     def _make_sample(self, size: int) -> None:
         """What samples of this size are given out in, and the memory of these tensors."""
-        columns = {
-            name: torch.zeros(size, dtype=torch.float32 if column.dtype.kind == "f" else torch.int64)
-            for name, column in self._columns.items()
-        }
-        self._columns_out = {name: tensor.numpy() for name, tensor in columns.items()}
-        columns |= {name: torch.zeros(size, self._n_features) for name in self._row_names}
-        self._rows_out = tuple(columns[name].numpy().view(np.uint32) for name in self._row_names)
+        room = -(-size // ALIGNED) * ALIGNED
+        integers = torch.zeros(len(self._integers), room, dtype=torch.int64)
+        floats = torch.zeros(len(self._floats), room)
+        rows = torch.zeros(len(self._row_names), room, self._n_features)
         weights = torch.ones(size)
-        self._weights_out: NDArray[np.float32] = weights.numpy()
+        names = *self._integers, *self._floats, *self._row_names
+        columns = {name: tensor[:size] for name, tensor in zip(names, (*integers, *floats, *rows), strict=True)}
         self._sample = Sample(columns, weights, np.zeros(size, np.int64))
+        self._items = self._numbers.reshape(-1), integers.numpy(), _bits(floats.numpy())
+        self._rows_out = _bits(rows.numpy())
+        self._weights_out: NDArray[np.float32] = weights.numpy()
 
 
 def _bits(rows: NDArray[np.float32]) -> NDArray[np.uint32]:

@@ -17,9 +17,11 @@ from services.learner.replay.prefetch import prefetch
 
 WORDS_PER_LINE = 16  # of the cache
 LINES = 4  # that two rows of an observation lie in
+AHEAD = 8  # items between the one that is asked for and the one that is written
 
 Words = NDArray[np.uint32]
 Rows = tuple[Words, ...]  # [B, F] each: the bits of float32
+Arrays = tuple[NDArray[np.int64], Words, NDArray[Any]]
 
 
 class RowRing:
@@ -51,9 +53,17 @@ class RowRing:
                 return
             self._grow(first + done, since)
 
-    def gather(self, places: NDArray[np.int64], out: Rows) -> None:
-        """Write the first rows of the items at `places` [B] into as many `out`; place -1 gives zeros."""
-        expand(places, self._starts, *self._arena, out)
+    @property
+    def arrays(self) -> Arrays:
+        """What compiled code needs to `expand` rows: where items start, and the arena, as words and as positions.
+
+        Valid until the next item is added.
+        """
+        return self._starts, *self._arena
+
+    def gather(self, places: NDArray[np.int64], out: Words) -> None:
+        """Write the first rows of the items at `places` [B] into `out`, see `expand`; place -1 gives zeros."""
+        expand(places, *self.arrays, out)
 
     def state(self, size: int) -> Words:
         """The items at places 0..size-1, one behind the other."""
@@ -170,23 +180,32 @@ def squeeze(row: Words, start: int, words: Words, positions: NDArray[Any]) -> in
 
 
 @bare_kernel
+def fetch(place: int, starts: NDArray[np.int64], words: Words) -> None:
+    """Have the item at `place` brought nearer."""
+    for line in range(LINES):
+        prefetch(words, starts[max(place, 0)] + line * WORDS_PER_LINE)
+
+
+@bare_kernel
 def expand(
-    places: NDArray[np.int64], starts: NDArray[np.int64], words: Words, positions: NDArray[Any], out: Rows
+    places: NDArray[np.int64], starts: NDArray[np.int64], words: Words, positions: NDArray[Any], out: Words
 ) -> None:
-    """Write the rows at `places` [B] into `out`, [B, F] each; see `RowRing.gather`."""
+    """Write the rows at `places` [B] into `out`, [at most rows of an item, at least B, F]; place -1 gives zeros."""
     for place in places:
-        for line in range(LINES):
-            prefetch(words, starts[max(place, 0)] + line * WORDS_PER_LINE)  # all at once, before any is waited for
+        fetch(place, starts, words)  # all at once, before any is waited for
     per_word = 4 // positions.itemsize
     for item in range(len(places)):
+        if item + AHEAD < len(places):
+            fetch(places[item + AHEAD], starts, words)  # what is written may have pushed it out of the nearest cache
         start = starts[max(places[item], 0)]
-        for row in out:
-            row[item, :] = 0
+        for number in range(len(out)):
+            row = out[number, item]
+            row[:] = 0
             if places[item] >= 0:
                 length = int(np.int64(words[start]))
                 cell = (start + 1 + length) * per_word
                 for value in range(length):
-                    row[item, positions[cell + value]] = words[start + 1 + value]
+                    row[positions[cell + value]] = words[start + 1 + value]
                 start += room(length, positions.itemsize)
 
 

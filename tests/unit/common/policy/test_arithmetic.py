@@ -31,8 +31,33 @@ def test_arguments_beyond_float32_do_not_overflow():
     assert (np.float32(arithmetic.sigmoid(1e6)), np.float32(arithmetic.sigmoid(-1e6))) == (1, 0)
 
 
+@pytest.mark.parametrize("exponent", [0.0, 0.4, 0.5, 0.6, 1.0, 2.5, -1.0])
+def test_powers_are_those_of_the_library(exponent):
+    x = np.concatenate([np.logspace(-6, 6, 4001), np.linspace(0.5, 2, 501)])
+    np.testing.assert_allclose([arithmetic.power(value, exponent) for value in x], x**exponent, rtol=1e-14)
+
+
+def test_powers_by_hand():
+    assert [arithmetic.power(1.0, exponent) for exponent in (-3.0, 0.0, 0.3, 1e300)] == [1, 1, 1, 1]
+    assert [arithmetic.power(x, 0.0) for x in (0.0, 5e-324, 0.1, 1e308, math.inf)] == [1, 1, 1, 1, 1]
+    assert [arithmetic.power(4.0, exponent) for exponent in (-1.0, 0.5, 1.0, 3.0)] == [0.25, 2, 4, 64]
+
+
+def test_powers_are_bounded():
+    assert arithmetic.power(0.0, 1.0) == arithmetic.power(2.0**-1022, 1.0) == 2.0**-1021
+    assert arithmetic.power(0.0, 0.5) == arithmetic.power(5e-324, 0.5) == 2.0**-511
+    assert arithmetic.power(1e300, 9.0) == arithmetic.power(math.inf, 1.0) == 2.0**1021
+    assert arithmetic.power(1e300, -9.0) == 2.0**-1021
+
+
 @pytest.mark.parametrize("name", ["exp", "tanh", "sigmoid", "log"])
 def test_plain_python_gives_the_same_bits(name):
     compiled = getattr(arithmetic, name)
     for x in (0.1, 0.7, 1.5, 3.25, 17.0):
         assert compiled.py_func(x) == compiled(x)
+
+
+def test_plain_python_gives_the_same_powers():
+    for x in (0.0, 1e-6, 0.1, 0.7, 1.5, 3.25, 1e150):
+        for exponent in (-0.4, 0.0, 0.6, 1.0):
+            assert arithmetic.power.py_func(x, exponent) == arithmetic.power(x, exponent)

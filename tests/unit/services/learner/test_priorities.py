@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.learner.replay.priorities import ADDED_TO_PRIORITY, Priorities, find, update
+from services.learner.replay.priorities import ADDED_TO_PRIORITY, Priorities, find, update, weigh
 
 ODD_SIZES = (0.0, 5e-324, 1e-300, 1e-6, 1.0, 1e150)
 
@@ -23,8 +23,11 @@ def tree_of(leaves):
 
 
 def found(leaves, draws, beta=1.0):
+    tree, points = tree_of(leaves), np.array(draws, np.float64)
     places, weights = np.empty(len(draws), np.int64), np.empty(len(draws), np.float32)
-    find(tree_of(leaves), np.array(draws, np.float64), beta, places, weights)
+    find(tree, points, places)
+    weigh(tree, places, beta, points, weights)
+    assert points.tolist() == [leaves[place] for place in places]
     return places, weights
 
 
@@ -92,11 +95,11 @@ def test_updates_are_those_of_a_list(capacity, data):
     state = priorities.state(capacity)
     np.testing.assert_allclose(state["priorities"], naive, rtol=1e-14)
     assert state["priority_maximum"] == largest
-    np.testing.assert_array_equal(priorities._tree, tree_of(state["priorities"]))  # no drift, to the bit
+    np.testing.assert_array_equal(priorities.tree, tree_of(state["priorities"]))  # no drift, to the bit
     other = Priorities(capacity, alpha=0.5)
     other.put(np.arange(capacity), np.full(capacity, 7.0))  # what was there before must not matter
     other.restore(state["priorities"], float(state["priority_maximum"]))
-    np.testing.assert_array_equal(other._tree, priorities._tree)
+    np.testing.assert_array_equal(other.tree, priorities.tree)
     assert (other.largest, other.total) == (priorities.largest, priorities.total)
 
 
@@ -114,8 +117,9 @@ def test_alpha_by_hand():
 def test_draws_are_proportional_and_spread_over_strata():
     priorities = Priorities(5, alpha=1.0)
     priorities.put(np.arange(4), np.array([1.0, 2, 3, 4]))
-    weights = np.empty(1000, np.float32)
-    places = priorities.draw(np.random.default_rng(1), 1.0, weights)
+    draws, places, weights = np.random.default_rng(1).random(1000), np.empty(1000, np.int64), np.empty(1000, np.float32)
+    find(priorities.tree, draws, places)
+    weigh(priorities.tree, places, 1.0, draws, weights)
     counts = np.bincount(places, minlength=5)
     assert (abs(counts - [100, 200, 300, 400, 0]) <= 2).all()  # independent draws would stray by ten times as much
     assert (np.diff(places) >= 0).all()
@@ -125,12 +129,12 @@ def test_draws_are_proportional_and_spread_over_strata():
 @pytest.mark.parametrize("wrong", [-1e-9, math.nan, math.inf])
 def test_a_priority_that_cannot_be_changes_nothing(wrong):
     priorities = Priorities(3, alpha=0.5)
-    before = priorities._tree.copy()
+    before = priorities.tree.copy()
     with pytest.raises(ValueError, match="finite and at least 0"):
         priorities.put(np.array([0, 1]), np.array([1.0, wrong]))
     with pytest.raises(ValueError, match="2 items need as many"):
         priorities.put(np.array([0, 1]), np.ones(3))
-    np.testing.assert_array_equal(priorities._tree, before)
+    np.testing.assert_array_equal(priorities.tree, before)
     assert priorities.state(0)["priority_maximum"] == 1
 
 

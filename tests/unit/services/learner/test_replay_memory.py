@@ -10,7 +10,7 @@ from common.config import ReplayConfig
 from services.learner.replay.replay import Replay
 
 F = 3
-COLUMNS = {"action": np.int8, "reward": np.float32, "back": np.int64}
+COLUMNS = {"action": np.int8, "reward": np.float32, "back": np.int32}
 ROWS = ("before", "after")
 KINDS = ("uniform", "prioritized")
 
@@ -25,7 +25,7 @@ def numbered(first, count):
     return {
         "action": (number % 5).astype(np.int8),
         "reward": -number.astype(np.float32),
-        "back": number % 3,
+        "back": (number % 3).astype(np.int32),
         "before": (np.repeat(number, F).reshape(count, F) * [1, 0, 2]).astype(np.float32),
         "after": np.repeat(number + 0.5, F).reshape(count, F).astype(np.float32),
     }
@@ -196,6 +196,25 @@ def test_histories_are_those_of_lists(capacity, trains, length):
         alive = [rows[one] for one in histories[number] if one in kept][-length:]
         padding = [np.zeros(F)] * (length - len(alive))
         np.testing.assert_array_equal(got[:, i], np.array([*padding, *alive]))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_numbers_come_back_to_the_bit_and_with_their_sign(kind):
+    columns = {"small": np.int8, "middle": np.int16, "large": np.int32, "real": np.float32}
+    replay = Replay(ReplayConfig(kind=kind, capacity=2), columns, ("row",), F)
+    items = {name: np.array([np.iinfo(dtype).min, -1], dtype) for name, dtype in columns.items() if name != "real"}
+    items["real"] = np.array([0x7FC00123, 0x80000000], np.uint32).view(np.float32)  # a NaN, -0
+    replay.add(items | {"row": np.ones((2, F), np.float32)})
+    sample = replay.sample(16, np.random.default_rng(1))
+    for name, array in items.items():
+        assert replay.state()[name].tobytes() == array.tobytes()
+        expected = array[sample.places].astype(np.float32 if name == "real" else np.int64)
+        assert sample.columns[name].numpy().tobytes() == expected.tobytes()
+
+
+def test_columns_of_more_than_32_bits_are_refused():
+    with pytest.raises(ValueError, match=r"columns are of int8, int16, int32, float32, not \{'time': 'int64'\}"):
+        Replay(ReplayConfig(capacity=4), {"time": np.int64}, ROWS, F)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -32,10 +32,15 @@ def test_a_small_episode_is_the_same_without_compilation():
 
 def test_tables_and_moves_are_the_same():
     grid, starts, targets = played.LEVEL.grid, played.LEVEL.starts, played.LEVEL.targets
-    numbers = [np.zeros(grid.shape, np.int32) for _ in range(2)]
-    assert number_cells(grid, starts, targets, numbers[0]) == 9
-    assert number_cells.py_func(grid, starts, targets, numbers[1]) == 9
-    np.testing.assert_array_equal(*numbers)
+    height, width = grid.shape
+    tables = [(np.ones((height + 2) * (width + 2), np.int32), np.ones(grid.size + 1, np.int32)) for _ in range(2)]
+    assert number_cells(grid, starts, targets, *tables[0]) == 9
+    assert number_cells.py_func(grid, starts, targets, *tables[1]) == 9
+    numbers, places = tables[0]
+    np.testing.assert_array_equal(numbers, tables[1][0])
+    np.testing.assert_array_equal(places[:9], tables[1][1][:9])
+    assert numbers[places[:9]].tolist() == list(range(9))
+    assert np.count_nonzero(numbers != NOTHING) == 9
     for piece in np.unique(grid).tolist():
         assert count_bits(piece) == count_bits.py_func(piece) == piece.bit_count()
         for heading in range(4):

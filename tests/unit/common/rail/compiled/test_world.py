@@ -8,7 +8,7 @@ import pytest
 
 from common.levels.legacy import generate
 from common.levels.level import Level
-from common.rail.compiled.arrays import NOWHERE
+from common.rail.compiled.arrays import DONE, NOWHERE
 from common.rail.compiled.malfunctions import Malfunctions
 from common.rail.compiled.traffic import Traffic
 from common.rail.compiled.world import CompiledWorld
@@ -84,10 +84,12 @@ def test_arrays_of_another_shape_are_refused():
 def test_a_refused_level_leaves_the_slot_over():
     world = CompiledWorld(1, 3)
     world.load(0, played.LEVEL)
+    world.batch.trains["state"] = DONE
     with pytest.raises(ValueError, match="no train can stand"):
         world.load(0, Level(played.LEVEL.grid, played.LEVEL.starts, np.zeros((3, 2), np.int32), 20))
     assert world.over()[0]
     assert not world.deciding().any()
+    assert not world.arrived().any()
 
 
 def test_nothing_loaded_is_over_and_cannot_be_seen():

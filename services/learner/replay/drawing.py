@@ -1,0 +1,69 @@
+# ruff: noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
+"""A batch out of a replay in one call: where its items lie, their importance weights, their numbers and rows."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.kernel import bare_kernel
+from services.learner.replay.prefetch import prefetch
+from services.learner.replay.priorities import find, weigh
+from services.learner.replay.rows import Words, expand
+
+
+@bare_kernel
+def draw(
+    tree: NDArray[np.float64],
+    draws: NDArray[np.float64],
+    beta: float,
+    weights: NDArray[np.float32],
+    places: NDArray[np.int64],
+    numbers: Words,
+    integers: NDArray[np.int64],
+    floats: Words,
+    starts: NDArray[np.int64],
+    words: Words,
+    positions: NDArray[Any],
+    rows: Words,
+) -> None:
+    """Find `places` [B] and `weights` [B] by priority, from `draws` [B], which is overwritten; then as `gather`."""
+    find(tree, draws, places)
+    n_numbers = len(integers) + len(floats)
+    for place in places:
+        prefetch(numbers, place * n_numbers)
+    weigh(tree, places, beta, draws, weights)
+    gather(places, numbers, integers, floats, starts, words, positions, rows)
+
+
+@bare_kernel
+def gather(
+    places: NDArray[np.int64],
+    numbers: Words,
+    integers: NDArray[np.int64],
+    floats: Words,
+    starts: NDArray[np.int64],
+    words: Words,
+    positions: NDArray[Any],
+    rows: Words,
+) -> None:
+    """Write the items at `places` [B] out.
+
+    Args:
+        places: [B].
+        numbers: [capacity * (I + J)], an item's integers, then its floats, as 32 bits each.
+        integers: [I, at least B], overwritten.
+        floats: [J, at least B], overwritten.
+        starts: as `RowRing.arrays` has it.
+        words: as `RowRing.arrays` has it.
+        positions: as `RowRing.arrays` has it.
+        rows: [R, at least B, F], overwritten with the items' first rows.
+    """
+    n_integers, n_floats = len(integers), len(floats)
+    for item in range(len(places)):
+        first = places[item] * (n_integers + n_floats)
+        for column in range(n_integers):
+            integers[column, item] = np.int32(numbers[first + column])
+        for column in range(n_floats):
+            floats[column, item] = numbers[first + n_integers + column]
+    expand(places, starts, words, positions, rows)
