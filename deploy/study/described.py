@@ -7,10 +7,10 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from common.config import ConfigError, RunConfig, nearest
+from common.config import ConfigError, RunConfig, flat, nearest
 from common.folder import write_atomically
 from common.study import Contender, PlannedRun, Study, StudyFolder, planned_runs, read_study
-from deploy.resolve import flat, merge, resolve, spelled_out
+from deploy.resolve import merge, resolve, spelled_out
 from deploy.runs import Failed, runs_root
 
 SHIPPED = Path(__file__).parents[1] / "studies"

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from common import checkpoint
 from common.checkpoint import CheckpointError
@@ -16,7 +15,7 @@ from common.config import DIFFICULTIES, ConfigError, Difficulty, RunConfig, flat
 from common.folder import RunFolder
 from common.records import EpisodeRow, EvaluationRow
 from common.rows import DamagedRows, read_rows
-from common.study import Judgement, PlannedRun, Study, StudyFolder, planned_runs
+from common.study import Judgement, PlannedRun, Study, StudyFolder, planned_runs, read_study
 from services.evaluator.report.results import Results, Scored, State, Trained
 
 POINTS = 15  # evaluation points of a curve, as in the study
@@ -51,10 +50,10 @@ def load_study(folder: StudyFolder) -> Results:
     """All that a study has so far.
 
     Raises:
-        ConfigError: it is not a study's folder.
+        ConfigError: its study cannot be read.
         DamagedEvaluation: a final evaluation cannot be read.
     """
-    study = _read_study(folder.study_file)
+    study = read_study(folder.study_file)
     runs = {run: _of_study(folder, run, study) for run in planned_runs(study)}
     references: dict[tuple[str, Difficulty], Scored | None] = {
         (policy, level): _scored(folder.reference(policy, level), level)
@@ -73,19 +72,6 @@ def load_study(folder: StudyFolder) -> Results:
         references=references,
         study=study,
     )
-
-
-def _read_study(path: Path) -> Study:
-    try:
-        return Study.model_validate(yaml.safe_load(path.read_text()))
-    except OSError as error:
-        raise ConfigError(f"{path} cannot be read: {error.strerror}: give the folder of a study") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
-    except ValidationError as error:
-        problem = error.errors()[0]
-        field = ".".join(map(str, problem["loc"])) or "all of it"
-        raise ConfigError(f"{path}: {field}: {problem['msg']}: restore the file as it was planned") from None
 
 
 def _of_study(folder: StudyFolder, run: PlannedRun, study: Study) -> Trained:

@@ -100,11 +100,11 @@ def test_a_damaged_evaluation_is_named(unfinished, text):
 
 
 def test_what_is_no_study_is_refused(tmp_path, unfinished):
-    with pytest.raises(ConfigError, match=r"study.yaml cannot be read: No such file or directory: give the folder of"):
+    with pytest.raises(ConfigError, match=r"study.yaml cannot be read: No such file or directory: "):
         load_study(type(unfinished)(tmp_path))
     data = yaml.safe_load(unfinished.study_file.read_text())
     unfinished.study_file.write_text(yaml.safe_dump(data | {"judgement": {"blok": 3}}))
-    with pytest.raises(ConfigError, match=r"study.yaml: judgement.blok: .*: restore the file as it was planned$"):
+    with pytest.raises(ConfigError, match=r"study.yaml: unknown key judgement.blok: did you mean block\?"):
         load_study(unfinished)
 
 
