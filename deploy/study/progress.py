@@ -145,11 +145,6 @@ def status_document(folder: StudyFolder, progress: StudyProgress, time_left_s: f
     }
 
 
-def _report(folder: StudyFolder) -> str | None:
-    found = sorted(folder.report.glob("*.html"))
-    return str(found[0]) if found else None
-
-
 def report_of(folder: StudyFolder) -> str | None:
     """The page of the report, if there is one."""
     return next(map(str, sorted(folder.report.glob("*.html"))), None)
