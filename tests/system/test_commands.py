@@ -5,6 +5,8 @@ import os
 import resource
 import signal
 
+import pytest
+
 from common.locks import living
 from deploy.follow import wait_until
 
@@ -90,6 +92,7 @@ def test_a_damaged_snapshot_ends_the_run_with_its_name(clusters, tail):
     assert living(clusters.folder("damaged")) == {}
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_the_run_in_a_line(clusters, tail):
     clusters.up("full", "--detach")
     rows = tail("full")
@@ -108,6 +111,7 @@ def test_a_full_disk_ends_the_run_in_a_line(clusters, tail):
     assert problem == f"learner cannot go on: {clusters.folder('full').path}: {remedy}"
 
 
+@pytest.mark.slow
 def test_a_process_that_keeps_dying_ends_the_run(clusters, tail):
     clusters.up("dying", "--set", "cluster.max_restarts=1", "--detach")
     rows = tail("dying")

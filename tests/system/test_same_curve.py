@@ -21,11 +21,13 @@ def test_three_actors_give_the_curve_of_one(clusters, undisturbed):
     assert len({row["actor"] for row in rows}) > 1
 
 
+@pytest.mark.slow
 def test_flatland_itself_gives_the_curve_of_the_compiled_world(clusters, undisturbed):
     clusters.up("stepped", "--engine", "flatland")
     assert clusters.curve("stepped") == undisturbed
 
 
+@pytest.mark.slow
 def test_a_lag_gives_its_own_curve_every_time(clusters, undisturbed):
     clusters.up("lag-a", "--actors", "easy=3", *WITH_LAG)
     clusters.up("lag-b", "--actors", "easy=2", *WITH_LAG)
@@ -80,6 +82,7 @@ def test_every_algorithm_goes_on_from_its_snapshots_as_if_nothing_had_happened(c
     assert clusters.curve(f"{case}-killed") == clusters.curve(f"{case}-left-alone")
 
 
+@pytest.mark.slow
 def test_a_hung_actor_is_killed_and_replaced(clusters, undisturbed, tail):
     clusters.up("hung", "--set", "cluster.hang_timeout_s=5", "--detach")
     rows = tail("hung")
