@@ -158,10 +158,18 @@ def test_other_errors_are_not_hidden():
         run_service(main)
 
 
-def test_a_service_that_ends_well_just_ends():
-    done = []
-    run_service(lambda: done.append(True))
-    assert done == [True]
+LEAVER = """
+import atexit
+from common.process import run_service
+atexit.register(print, "taken apart")
+run_service(lambda: print("done"))
+print("went on")
+"""
+
+
+def test_a_service_that_ends_well_leaves_at_once():
+    left = subprocess.run([sys.executable, "-c", LEAVER], capture_output=True, text=True, check=True)
+    assert left.stdout == "done\n"
 
 
 @pytest.fixture
