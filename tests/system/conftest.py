@@ -20,7 +20,7 @@ from deploy.follow import wait_until
 from deploy.runs import reach
 
 RAILCTL = Path(sys.executable).with_name("railctl")
-PATIENCE_S = 120.0
+PATIENCE_S = 300.0
 EPISODES = 40
 OPTIONS = (
     f"--level easy --episodes {EPISODES} --seed 7 --set evaluation.every_episodes=20 --set evaluation.levels=2 "
@@ -37,6 +37,7 @@ class Clusters:
         self.root = root
         self.options = [*OPTIONS, *DQN_OPTIONS]
         self.environment = os.environ | {"RAILCTL_RUNS": str(root), "COLUMNS": "200"}
+        self._started: list[subprocess.Popen[str]] = []
 
     def folder(self, name: str) -> RunFolder:
         return RunFolder(self.root / name)
@@ -64,9 +65,15 @@ class Clusters:
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
         """Start a command that goes on."""
-        return subprocess.Popen(
+        process = subprocess.Popen(
             [RAILCTL, *arguments], env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
+        self._started.append(process)
+        return process
+
+    def wait(self, come_true: Callable[[], bool]) -> None:
+        """Wait for something that must come true, however busy the machine is."""
+        assert wait_until(come_true, PATIENCE_S)
 
     def status(self, name: str) -> dict:
         return json.loads(self.railctl("status", name, "--json").stdout)
@@ -82,7 +89,7 @@ class Clusters:
     def goes_on_paused(self, name: str) -> None:
         """Take up a run that was paused, and let it run to its end."""
         self.railctl("up", "--name", name, "--detach")
-        assert wait_until(lambda: self.status(name)["state"] == "paused", PATIENCE_S)  # its learner is there
+        self.wait(lambda: self.status(name)["state"] == "paused")  # its learner is there
         self.railctl("resume", name)
 
     def kill(self, name: str, process: str, number: signal.Signals = signal.SIGKILL) -> None:
@@ -96,6 +103,10 @@ class Clusters:
 
     def end(self) -> None:
         """Leave no process behind, whatever happened."""
+        for process in self._started:
+            process.kill()
+            if not process.stdout.closed:
+                process.communicate()
         for path in [config.parent for config in self.root.rglob("config.yaml")]:
             while processes := living(RunFolder(path)):
                 for pid in processes.values():

@@ -8,7 +8,6 @@ import signal
 import pytest
 
 from common.locks import living
-from deploy.follow import wait_until
 
 
 def test_pause_scale_resume_checkpoint_down_up(clusters, undisturbed, tail):
@@ -21,9 +20,9 @@ def test_pause_scale_resume_checkpoint_down_up(clusters, undisturbed, tail):
     assert status["state"] == "paused"
     done = status["progress"]["done"]
     clusters.railctl("scale", "handled", "easy=3")
-    assert wait_until(lambda: _running_actors(clusters.status("handled")) == 3, 60)
+    clusters.wait(lambda: _running_actors(clusters.status("handled")) == 3)
     clusters.railctl("scale", "handled", "easy=1")
-    assert wait_until(lambda: "actor-easy-2" not in living(clusters.folder("handled")), 30)
+    clusters.wait(lambda: "actor-easy-2" not in living(clusters.folder("handled")))
     assert clusters.status("handled")["progress"]["done"] <= done + 1  # at most the one that was being trained
     assert json.loads(clusters.railctl("resume", "handled", "--json").stdout)["done"]
     rows.until(done + 2)
@@ -42,7 +41,7 @@ def test_pause_scale_resume_checkpoint_down_up(clusters, undisturbed, tail):
 
 def test_ctrl_c_stops_cleanly_and_a_second_run_goes_on(clusters, undisturbed, tail):
     foreground = clusters.start("up", "--name", "interrupted", *clusters.options)
-    assert wait_until(clusters.folder("interrupted").episodes_file.exists, 60)
+    clusters.wait(clusters.folder("interrupted").episodes_file.exists)
     rows = tail("interrupted")
     rows.until(2)
     clusters.pause("interrupted")  # or it may be over before it is interrupted
@@ -118,10 +117,10 @@ def test_a_process_that_keeps_dying_ends_the_run(clusters, tail):
     rows.until(1)
     folder = clusters.folder("dying")
     for _ in range(2):
-        assert wait_until(lambda: "evaluator" in living(folder), 30)
+        clusters.wait(lambda: "evaluator" in living(folder))
         pid = living(folder)["evaluator"]
         os.kill(pid, signal.SIGKILL)
-        assert wait_until(lambda pid=pid: living(folder).get("evaluator") != pid, 30)
+        clusters.wait(lambda pid=pid: living(folder).get("evaluator") != pid)
     rows.rest()
     assert "evaluator died (signal 9) 2 times" in clusters.status("dying")["problems"][0]
     assert living(folder) == {}

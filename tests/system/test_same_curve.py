@@ -6,7 +6,6 @@ import signal
 import pytest
 
 from common.locks import living
-from deploy.follow import wait_until
 from deploy.runs import supervised
 
 EPISODES = 40
@@ -42,7 +41,7 @@ def test_killing_everything_one_after_another_changes_nothing(clusters, undistur
         rows.until(episodes)
         clusters.kill("killed", process)
     clusters.pause("killed")  # or it may be over before anybody looks
-    assert wait_until(lambda: not supervised(clusters.folder("killed")), 10)
+    clusters.wait(lambda: not supervised(clusters.folder("killed")))
     assert clusters.status("killed")["state"] == "unsupervised"
     survivors = living(clusters.folder("killed"))
     assert survivors  # they worked on without their supervisor

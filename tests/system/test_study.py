@@ -11,7 +11,6 @@ import yaml
 from common.folder import RunFolder
 from common.locks import holder, living
 from common.study import StudyFolder, planned_runs, read_study
-from deploy.follow import wait_until
 
 PER = {"replay": "prioritized", "dqn": {"batch_size": 32, "learn_every_steps": 2}}
 STUDY = {
@@ -52,13 +51,13 @@ def numbers(folder: StudyFolder) -> dict[str, object]:
     return found | {path.name: path.read_text() for path in scores}
 
 
-def kill_all_of(folder: StudyFolder) -> None:
+def kill_all_of(clusters, folder: StudyFolder) -> None:
     """The command, supervisors, learners, actors: everything at once."""
     runs = [RunFolder(path.parent) for path in folder.runs.glob("*/config.yaml")]
     for pid in [holder(folder, "study"), *(pid for run in runs for pid in living(run).values())]:
         if pid is not None:
             os.kill(pid, signal.SIGKILL)
-    assert wait_until(lambda: not any(living(run) for run in runs), 10)
+    clusters.wait(lambda: not any(living(run) for run in runs))
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +73,7 @@ def hold(clusters, folder: StudyFolder, names=("per-easy-3", "ppo-easy-3")) -> l
     """Wait until the runs are under way, and pause them."""
     runs = [RunFolder(folder.runs / name) for name in names]
     for run in runs:
-        assert wait_until(lambda run=run: has_rows(run, 2), 60)
+        clusters.wait(lambda run=run: has_rows(run, 2))
         clusters.pause(str(run.path))
     return runs
 
@@ -86,7 +85,7 @@ def has_rows(run: RunFolder, count: int) -> bool:
 def let_go(clusters, runs: list[RunFolder]) -> None:
     """Have runs go on that live and are paused."""
     for run in runs:
-        assert wait_until(lambda run=run: clusters.status(str(run.path))["state"] == "paused", 60)
+        clusters.wait(lambda run=run: clusters.status(str(run.path))["state"] == "paused")
         clusters.tell_learner(str(run.path), "resume")
 
 
@@ -103,9 +102,9 @@ def test_a_study_comes_to_the_same_numbers_whatever_is_killed(clusters, describe
     command.communicate()
 
     command = clusters.start(*run)  # adopts what lives
-    assert wait_until(lambda: holder(folder, "study") == command.pid, 60)
+    clusters.wait(lambda: holder(folder, "study") == command.pid)
     let_go(clusters, runs)
-    kill_all_of(folder)
+    kill_all_of(clusters, folder)
     command.communicate()
 
     clusters.railctl(*run)
