@@ -13,5 +13,5 @@ os.environ.update(ENVIRONMENT)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The tests of a file share a worker, and so do all real clusters: two at once take more than twice as long."""
     for item in items:
-        group = "system" if "system" in item.path.parts else str(item.path)
+        group = "system" if "system" in item.path.parts else item.path.stem
         item.add_marker(pytest.mark.xdist_group(group))
