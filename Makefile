@@ -31,7 +31,7 @@ check: install
 	$(BIN)/lint-imports
 
 test: check
-	$(TEST_ENVIRONMENT) $(BIN)/pytest -n 2 --dist loadgroup --no-loadscope-reorder -m 'not slow and not parity and not browser'
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not slow and not parity and not browser'
 
 parity: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m parity tests/parity

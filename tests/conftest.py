@@ -2,16 +2,19 @@
 
 import os
 
-import pytest
+from xdist.scheduler import LoadFileScheduling
 
 from deploy.plan import ENVIRONMENT
 
 os.environ.update(ENVIRONMENT)
 
 
-@pytest.hookimpl(tryfirst=True)  # what spreads the tests over workers reads it
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+class RealClustersTogether(LoadFileScheduling):
     """The tests of a file share a worker, and so do all real clusters: two at once take more than twice as long."""
-    for item in items:
-        group = "system" if "system" in item.path.parts else item.path.stem
-        item.add_marker(pytest.mark.xdist_group(group))
+
+    def _split_scope(self, nodeid):
+        return "system" if nodeid.startswith("tests/system/") else super()._split_scope(nodeid)
+
+
+def pytest_xdist_make_scheduler(config, log):
+    return RealClustersTogether(config, log)
