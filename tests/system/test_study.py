@@ -91,12 +91,12 @@ def let_go(clusters, runs: list[RunFolder]) -> None:
 
 def test_a_study_comes_to_the_same_numbers_whatever_is_killed(clusters, described, left_alone):
     assert {"per-easy-3", "ppo-easy-3", "per-easy-3.json", "ppo-easy-3.json", "random-easy.json"} == set(left_alone)
-    run, folder = ("study", "run", str(described), "--name", "killed"), folder_of(clusters, "killed")
+    run, folder = ("study", "run", str(described), "--name", "study-killed"), folder_of(clusters, "study-killed")
 
     command = clusters.start(*run)
     runs = hold(clusters, folder)
-    assert "works on study killed already" in clusters.railctl(*run, code=1).stderr
-    status = json.loads(clusters.railctl("study", "status", "killed", "--json").stdout)
+    assert "works on study study-killed already" in clusters.railctl(*run, code=1).stderr
+    status = json.loads(clusters.railctl("study", "status", "study-killed", "--json").stdout)
     assert (status["process"], status["runs_done"]) == (command.pid, 0)
     command.kill()
     command.communicate()
@@ -114,18 +114,18 @@ def test_a_study_comes_to_the_same_numbers_whatever_is_killed(clusters, describe
         assert log.count("supervises") <= 2
         assert "runs already" not in log
     assert not list(folder.runs.glob("*/snapshots/*"))  # runs that are over go nowhere
-    assert "is finished" in clusters.railctl("up", "--name", "killed/runs/ppo-easy-3").stdout
+    assert "is finished" in clusters.railctl("up", "--name", "study-killed/runs/ppo-easy-3").stdout
 
 
 @pytest.mark.slow
 def test_ctrl_c_stops_cleanly_and_says_how_to_go_on(clusters, described, left_alone):
-    run, folder = ("study", "run", str(described), "--name", "interrupted"), folder_of(clusters, "interrupted")
+    run, folder = ("study", "run", str(described), "--name", "study-interrupted"), folder_of(clusters, "study-interrupted")
     command = clusters.start(*run)
     runs = hold(clusters, folder)
     command.send_signal(signal.SIGINT)
     output, errors = command.communicate(timeout=60)
     assert command.returncode == 0, errors
-    assert f"stopped; railctl study run {described} --name interrupted goes on" in output
+    assert f"stopped; railctl study run {described} --name study-interrupted goes on" in output
     assert not any(map(living, runs))
     for one in runs:
         one.paused_file.unlink()
