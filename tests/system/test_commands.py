@@ -56,6 +56,7 @@ def test_ctrl_c_stops_cleanly_and_a_second_run_goes_on(clusters, undisturbed, ta
     assert clusters.curve("interrupted") == undisturbed
 
 
+@pytest.mark.slow
 def test_a_second_up_attaches_and_another_configuration_is_refused(clusters, tail):
     clusters.up("twice", "--detach")
     tail("twice").until(1)
@@ -70,6 +71,7 @@ def test_a_second_up_attaches_and_another_configuration_is_refused(clusters, tai
     assert living(clusters.folder("twice")) == {}
 
 
+@pytest.mark.slow
 def test_a_damaged_snapshot_ends_the_run_with_its_name(clusters, tail):
     clusters.up("damaged", "--detach")
     rows = tail("damaged")

@@ -119,7 +119,8 @@ def test_a_study_comes_to_the_same_numbers_whatever_is_killed(clusters, describe
 
 @pytest.mark.slow
 def test_ctrl_c_stops_cleanly_and_says_how_to_go_on(clusters, described, left_alone):
-    run, folder = ("study", "run", str(described), "--name", "study-interrupted"), folder_of(clusters, "study-interrupted")
+    run = ("study", "run", str(described), "--name", "study-interrupted")
+    folder = folder_of(clusters, "study-interrupted")
     command = clusters.start(*run)
     runs = hold(clusters, folder)
     command.send_signal(signal.SIGINT)
