@@ -1,16 +1,16 @@
 """railctl evaluate, from the command line to the table."""
 
 import json
+from functools import partial
 from pathlib import Path
 
+import command_line
 import pytest
-from typer.testing import CliRunner
 
 from common import checkpoint
 from common.config import NetworkConfig
 from common.levels import files
 from common.levels.supply import LevelSupply
-from deploy.cli import app
 from deploy.commands import evaluate as command
 from deploy.launch import new_run
 from deploy.resolve import resolve
@@ -29,17 +29,11 @@ def run(tmp_path, monkeypatch, write_checkpoint):
     return folder
 
 
-def railctl(*arguments):
-    result = CliRunner().invoke(app, ["evaluate", *map(str, arguments)])
-    assert result.exception is None or isinstance(result.exception, SystemExit), repr(result.exception)
-    return result
+railctl = partial(command_line.railctl, "evaluate")
 
 
 def complaint(code, *arguments):
-    result = railctl(*arguments)
-    assert (result.exit_code, result.stdout) == (code, "")
-    [line] = result.stderr.splitlines()
-    return line
+    return command_line.complaint(code, "evaluate", *arguments)
 
 
 def test_a_run_is_scored_by_its_newest_checkpoint(run):

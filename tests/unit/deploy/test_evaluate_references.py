@@ -1,14 +1,14 @@
 """railctl evaluate with the name of a reference policy."""
 
 import json
+from functools import partial
 from pathlib import Path
 
+import command_line
 import pytest
-from typer.testing import CliRunner
 
 from common.levels import files
 from common.levels.supply import LevelSupply
-from deploy.cli import app
 from deploy.commands import evaluate as command
 from deploy.launch import new_run
 from deploy.resolve import resolve
@@ -23,10 +23,7 @@ def here(tmp_path, monkeypatch):
     files.save(Path("levels.npz"), {"easy": [LevelSupply().evaluation("easy", index) for index in range(3)]})
 
 
-def railctl(*arguments):
-    result = CliRunner().invoke(app, ["evaluate", *map(str, arguments)])
-    assert result.exception is None or isinstance(result.exception, SystemExit), repr(result.exception)
-    return result
+railctl = partial(command_line.railctl, "evaluate")
 
 
 def test_a_policy_is_scored_by_its_name(here):

@@ -1,13 +1,13 @@
 """railctl report --curves, from the command line to the table."""
 
 import json
+from functools import partial
 from pathlib import Path
 
+import command_line
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from deploy.cli import app
 from deploy.commands import report as command
 
 
@@ -20,17 +20,11 @@ def curves(tmp_path, monkeypatch):
     np.savez("curves.npz", returns=returns, block=4, n_zones=1, algorithms=["wild", "calm"], levels=["easy"])
 
 
-def railctl(*arguments):
-    result = CliRunner().invoke(app, ["report", *arguments])
-    assert result.exception is None or isinstance(result.exception, SystemExit), repr(result.exception)
-    return result
+railctl = partial(command_line.railctl, "report")
 
 
 def complaint(code, *arguments):
-    result = railctl(*arguments)
-    assert (result.exit_code, result.stdout) == (code, "")
-    [line] = result.stderr.splitlines()
-    return line
+    return command_line.complaint(code, "report", *arguments)
 
 
 def test_one_document_for_programs(curves):
