@@ -38,7 +38,7 @@ parity: install
 
 # Needs Chromium (Debian: apt-get install chromium); leaves screenshots in .browser.
 browser: install
-	$(TEST_ENVIRONMENT) $(BIN)/pytest -m browser --basetemp .browser tests/unit/services/evaluator/report
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -m browser --basetemp .browser tests/unit/analysis/report
 
 soak: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m slow

@@ -22,13 +22,14 @@ from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from common.config import DIFFICULTIES, Difficulty, nearest
+from common.config import DIFFICULTIES, Difficulty
 from common.levels.legacy import SPECS
 from common.levels.level import Level
 from common.levels.supply import LevelSupply
 from common.rail.compiled.world import CompiledWorld, Decisions
 from common.rail.world import MOVE_FORWARD, N_ACTIONS
 from common.seeding import training_level_seed
+from common.strict import nearest
 
 Observation = NDArray[np.float32]
 Infos = dict[str, dict[str, Any]]

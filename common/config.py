@@ -4,11 +4,11 @@ A run's learning curve is a function of `RunConfig` without `cluster` and `engin
 carried out. Every part of the system receives its own section, never the tree.
 """
 
-import difflib
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
+
+from common.strict import ConfigError, Positive, Share, Strict, describe
 
 Difficulty = Literal["easy", "medium", "hard"]
 Serves = Literal["easy", "medium", "hard", "any"]  # what an actor acts
@@ -17,19 +17,6 @@ DIFFICULTIES: tuple[Difficulty, ...] = ("easy", "medium", "hard")
 Mode = Literal["greedy", "sample"]  # how a network is scored
 
 MAX_ACTORS = 256  # of one difficulty
-
-Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-
-
-class ConfigError(ValueError):
-    """Bad input from the user: the message names the field, the value and the remedy."""
-
-
-class Strict(BaseModel):
-    """A frozen section; an unknown key is an error."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
 
 class NetworkConfig(Strict):
@@ -226,57 +213,4 @@ def parse_config(data: dict[str, Any]) -> RunConfig:
     try:
         return RunConfig.model_validate(data)
     except ValidationError as error:
-        raise ConfigError(describe(error)) from None
-
-
-def describe(error: ValidationError, model: type[BaseModel] = RunConfig) -> str:
-    """The first problem of a validation error of a model as one line: field, value, remedy."""
-    problem = error.errors()[0]
-    path = [str(part) for part in problem["loc"] if part != "[key]"]
-    field = ".".join(path)
-    if problem["type"] == "extra_forbidden":
-        return f"unknown key {field}{nearest(path[-1], _keys_at(model, path[:-1]))}"
-    if problem["type"] == "missing":
-        return f"{field} is missing: give it a value"
-    message = problem["msg"].removeprefix("Value error, ")
-    if problem["type"] == "value_error":
-        return f"{field}: {message}" if field else message
-    return f"{field}: {message[0].lower()}{message[1:]}, not {problem['input']!r}"
-
-
-def nearest(word: str, known: list[str]) -> str:
-    """A hint that ends an error line: the nearest known name, and the list."""
-    close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
-    hint = f": did you mean {close[0]}?" if close else ":"
-    return f"{hint} known are {', '.join(sorted(known))}"
-
-
-def _keys_at(model: type[BaseModel], path: list[str]) -> list[str]:
-    for part in path:
-        if part.isdecimal():  # which of several
-            continue
-        section = section_of(model.model_fields[part].annotation)
-        if section is None:
-            return []
-        model = section
-    return list(model.model_fields)
-
-
-def section_of(annotation: Any) -> type[BaseModel] | None:
-    """The model of a field that is a section, which may be left out; none for other fields."""
-    for kind in (annotation, *get_args(annotation)):
-        if isinstance(kind, type) and issubclass(kind, BaseModel):
-            return kind
-    return None
-
-
-def flat(data: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested keys as dotted ones.
-
-    >>> flat({"a": {"b": 1}, "c": 2})
-    {'a.b': 1, 'c': 2}
-    """
-    result: dict[str, Any] = {}
-    for key, value in data.items():
-        result |= flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
-    return result
+        raise ConfigError(describe(error, RunConfig)) from None

@@ -8,7 +8,8 @@ from pathlib import Path
 import yaml
 
 from common.bus import NoAnswer
-from common.config import ConfigError, RunConfig, parse_config
+from common.config import RunConfig, parse_config
+from common.strict import ConfigError
 
 
 @dataclass(frozen=True)

@@ -1,87 +1,47 @@
-"""The one way in which functions are compiled.
+"""The one way in which functions are compiled: when they are first called, or compiled into one that is.
 
-Numba keeps compiled code on disk, and makes it anew when the function's own file has changed; it does not see that a
-constant or a function from another file went into it. Here every file of ours that the file imports counts, directly or
-through others.
+So whoever only reads what else is in a module need not wait the second that importing numba takes.
 """
 
-import ast
-import hashlib
-from collections.abc import Callable, Iterator
-from functools import cache
-from pathlib import Path
+from collections.abc import Callable
+from functools import cached_property, update_wrapper
 from typing import Any, TypeVar, cast
-
-import numba
-from numba.core import caching
-
-ROOT = Path(__file__).resolve().parents[1]
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
-@cache
-def _imports(path: Path) -> tuple[Path, ...]:
-    """The files of ours that a file imports, wherever in it."""
-    names: list[str] = []
-    for node in ast.walk(ast.parse(path.read_bytes())):
-        if isinstance(node, ast.Import):
-            names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-    return tuple(file for name in dict.fromkeys(names) for file in _files(name, beside=path.parent))
+class Kernel:
+    """A function that stands for its compiled form; `.py_func` is the original."""
 
+    def __init__(self, function: Callable[..., object], *, counts_references: bool) -> None:
+        self.py_func = function
+        self._counts_references = counts_references
+        update_wrapper(self, function)
 
-def _files(module: str, beside: Path) -> Iterator[Path]:
-    """Where a module may lie: below the root, or beside who imports it."""
-    for folder in dict.fromkeys((ROOT, beside)):
-        place = folder.joinpath(*module.split("."))
-        yield from (file for file in (place.with_suffix(".py"), place / "__init__.py") if file.is_file())
+    @cached_property
+    def compiled(self) -> Any:
+        """What numba makes of it."""
+        from common.compiling import compiled  # noqa: PLC0415  (see the module)
 
+        return compiled(self.py_func, counts_references=self._counts_references)
 
-@cache
-def _digest(path: Path) -> bytes:
-    """Of a file, and of all that it imports of ours."""
-    found = {path}
-    waiting = [path]
-    while waiting:
-        fresh = set(_imports(waiting.pop())) - found
-        found |= fresh
-        waiting += fresh
-    state = hashlib.blake2b(digest_size=16)
-    for file in sorted(found):
-        state.update(f"{file}/{file.stat().st_size}/".encode())
-        state.update(file.read_bytes())
-    return state.digest()
+    @property
+    def _numba_type_(self) -> Any:
+        """How numba sees it where another function calls it."""
+        return self.compiled._numba_type_
 
+    def __call__(self, *arguments: Any) -> Any:
+        return self.compiled(*arguments)
 
-class _StampedByImports:
-    """The part of a locator that says when compiled code is stale."""
-
-    _py_file: str
-
-    def get_source_stamp(self) -> bytes:
-        return _digest(Path(self._py_file).resolve())
-
-
-class GivenLocator(_StampedByImports, caching.UserProvidedCacheLocator):
-    """Where NUMBA_CACHE_DIR says."""
-
-
-class InTreeLocator(_StampedByImports, caching.InTreeCacheLocator):
-    """Beside the source."""
-
-
-class UserWideLocator(_StampedByImports, caching.UserWideCacheLocator):
-    """In the user's cache, where sources cannot be written beside."""
-
-
-_LOCATORS = ",".join(f"{__name__}.{locator.__name__}" for locator in (GivenLocator, InTreeLocator, UserWideLocator))
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self.compiled, name)
 
 
 def kernel(function: Function) -> Function:
     """Compile `function`, once a machine; exact arithmetic (no fastmath), one thread; `.py_func` is the original."""
-    return _compiled(function, counts_references=True)
+    return cast("Function", Kernel(function, counts_references=True))
 
 
 def bare_kernel(function: Function) -> Function:
@@ -89,14 +49,4 @@ def bare_kernel(function: Function) -> Function:
 
     Numba otherwise counts a reference for every array of every call, which takes longer than most kernels do.
     """
-    return _compiled(function, counts_references=False)
-
-
-def _compiled(function: Function, *, counts_references: bool) -> Function:
-    config: Any = numba.config
-    njit: Any = numba.njit  # whose types leave out the option that turns the counting off
-    before, config.CACHE_LOCATOR_CLASSES = config.CACHE_LOCATOR_CLASSES, _LOCATORS
-    try:
-        return cast("Function", njit(cache=True, error_model="numpy", _nrt=counts_references)(function))
-    finally:
-        config.CACHE_LOCATOR_CLASSES = before
+    return cast("Function", Kernel(function, counts_references=False))

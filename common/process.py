@@ -12,10 +12,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from common.bus import Bus, open_bus
-from common.config import ConfigError, RunConfig
+from common.config import RunConfig
 from common.folder import RunFolder
 from common.locks import RunsAlreadyError, sole
 from common.records import Heartbeat, Role
+from common.strict import ConfigError
 from common.wire.keys import HEARTBEATS, Alive
 
 log = logging.getLogger(__name__)
@@ -50,7 +51,7 @@ class Stopping:
             time.sleep(min(left, STRETCH_S))
 
 
-class Heart:
+class HeartbeatPublisher:
     """Publishes a sign of life, at most one a second, from the process's own loop."""
 
     def __init__(self, bus: Bus, name: str, role: Role) -> None:
@@ -71,7 +72,7 @@ class Heart:
 
 
 @dataclass(frozen=True)
-class Place:
+class ServiceContext:
     """A process's place in its run."""
 
     folder: RunFolder
@@ -79,20 +80,20 @@ class Place:
     name: str
     incarnation: str
     bus: Bus
-    heart: Heart
+    heartbeat: HeartbeatPublisher
     stopping: Stopping
 
 
 @contextmanager
-def take_place(folder: RunFolder, name: str, role: Role) -> Iterator[Place]:
+def service_context(folder: RunFolder, name: str, role: Role) -> Iterator[ServiceContext]:
     """Join the run as the only process of this name."""
     stopping = Stopping()
-    with sole(folder, name), join(folder, name, role, stopping) as place:
-        yield place
+    with sole(folder, name), join(folder, name, role, stopping) as context:
+        yield context
 
 
 @contextmanager
-def join(folder: RunFolder, name: str, role: Role, stopping: Stopping) -> Iterator[Place]:
+def join(folder: RunFolder, name: str, role: Role, stopping: Stopping) -> Iterator[ServiceContext]:
     """Join the run, having the name's lock: configuration, bus, liveliness token, heartbeat.
 
     Raises:
@@ -103,11 +104,11 @@ def join(folder: RunFolder, name: str, role: Role, stopping: Stopping) -> Iterat
     incarnation = uuid.uuid4().hex[:16]
     with open_bus(endpoint, namespace) as bus:
         bus.declare_alive(Alive(role, name, incarnation))
-        heart = Heart(bus, name, role)
-        heart.beat(STARTING)
+        heartbeat = HeartbeatPublisher(bus, name, role)
+        heartbeat.beat(STARTING)
         log.info("%s started as process %d", name, os.getpid())
         try:
-            yield Place(folder, config, name, incarnation, bus, heart, stopping)
+            yield ServiceContext(folder, config, name, incarnation, bus, heartbeat, stopping)
         except OSError as error:
             if error.errno not in NO_ROOM:
                 raise

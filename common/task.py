@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from typing import Any, NoReturn
 
-from common.config import ConfigError
+from common.strict import ConfigError
 
 FAILED, WRONG_USAGE = 1, 2
 TELL_EVERY_S = 0.1

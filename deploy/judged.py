@@ -1,4 +1,4 @@
-"""What `services.evaluator.reliability` found, for people."""
+"""What `analysis.reliability` found, for people."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any

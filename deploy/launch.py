@@ -7,7 +7,6 @@ import re
 import shutil
 import socket
 import subprocess
-import sys
 import time
 import uuid
 from collections.abc import Mapping
@@ -17,10 +16,12 @@ from pathlib import Path
 import yaml
 
 from common.checkpoint import CheckpointError
-from common.config import ConfigError, RunConfig
+from common.config import RunConfig
 from common.folder import RunFolder, write_atomically
+from common.interpreter import run_module
 from common.locks import living
 from common.snapshots import newest_snapshot
+from common.strict import ConfigError
 from deploy.plan import ENVIRONMENT
 from deploy.runs import Failed, runs_root, supervised
 
@@ -113,7 +114,7 @@ def start_supervisor(
     folder.logs.mkdir(exist_ok=True)
     with (folder.logs / "supervisor.log").open("ab") as output:
         child = subprocess.Popen(
-            [sys.executable, "-m", "deploy.supervise", "--run", str(folder.path.resolve())],
+            run_module("deploy.supervise", "--run", str(folder.path.resolve())),
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
@@ -171,7 +172,7 @@ def draw_curve(folder: RunFolder) -> Path:
         Failed: it could not be drawn.
     """
     done = subprocess.run(
-        [sys.executable, "-m", "services.evaluator.curve", "--run", str(folder.path)],
+        run_module("analysis.curve", "--run", str(folder.path)),
         capture_output=True,
         text=True,
         check=False,

@@ -10,9 +10,9 @@ import typer
 from rich.console import Console
 
 from common.bus import NoAnswer
-from common.config import ConfigError
 from common.process import NO_ROOM
 from common.rows import DamagedRows
+from common.strict import ConfigError
 from common.task import FAILED, WRONG_USAGE
 from deploy.runs import Failed
 

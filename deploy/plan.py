@@ -1,11 +1,11 @@
 """The plan of a cluster: which processes, started how. Pure."""
 
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from common.config import Serves
+from common.interpreter import run_module
 from common.records import Role
 
 # One thread a process for numerics, and bits that do not depend on memory alignment.
@@ -27,7 +27,7 @@ class ProcessSpec:
     serves: Serves | None = None  # actors: their difficulty, or any
 
     def command(self, run: Path) -> list[str]:
-        command = [sys.executable, "-m", f"services.{self.role}", "--run", str(run)]
+        command = run_module(f"services.{self.role}", "--run", str(run))
         if self.serves is not None:
             command += ["--name", self.name, "--serves", self.serves]
         return command

@@ -7,7 +7,8 @@ from typing import Any
 
 import yaml
 
-from common.config import DIFFICULTIES, MAX_ACTORS, ConfigError, RunConfig, flat, nearest, parse_config, section_of
+from common.config import DIFFICULTIES, MAX_ACTORS, RunConfig, parse_config
+from common.strict import ConfigError, flat, nearest, section_of
 
 Plain = dict[str, Any]
 OPTIONAL_SECTIONS = ("dqn", "ppo", "sil", "replay")  # an algorithm has those that its preset has

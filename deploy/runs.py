@@ -6,9 +6,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from common.bus import Bus, NoAnswer, open_bus
-from common.config import ConfigError, nearest
 from common.folder import RunFolder
 from common.locks import holder, living
+from common.strict import ConfigError, nearest
 
 CONNECT_TIMEOUT_S = 2.0
 

@@ -3,7 +3,6 @@
 import json
 import os
 import subprocess
-import sys
 import tempfile
 import time
 from typing import IO, Any, Self
@@ -12,7 +11,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 from rich.progress import Progress as Bar
 
-from common.config import ConfigError
+from common.interpreter import run_module
+from common.strict import ConfigError
 from common.task import WRONG_USAGE
 from deploy.plan import ENVIRONMENT
 from deploy.runs import Failed
@@ -27,7 +27,7 @@ def run_task(module: str, *arguments: str) -> dict[str, Any]:
         ConfigError: it was asked for what cannot be; the text is its own.
         Failed: it failed; likewise.
     """
-    command = [sys.executable, "-m", module, *arguments]
+    command = run_module(module, *arguments)
     with (
         tempfile.TemporaryFile("w+") as complaints,
         subprocess.Popen(
@@ -59,7 +59,7 @@ class Task:
         self._said = tempfile.TemporaryFile("w+")  # noqa: SIM115  (it is read when the process has ended)
         self._complaints = tempfile.TemporaryFile("w+")  # noqa: SIM115
         self._process = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments],
+            run_module(module, *arguments),
             stdin=subprocess.DEVNULL,
             stdout=self._said,
             stderr=self._complaints,

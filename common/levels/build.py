@@ -12,7 +12,6 @@ import gc
 import json
 import os
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -21,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from common.config import Difficulty
+from common.interpreter import run_module
 from common.levels.bank import LevelBank
 from common.levels.chunks import BankError, chunk_name, write_chunk
 from common.levels.held_out import TRIES, is_held_out, retry_seed
@@ -161,7 +161,7 @@ def _run(root: Path, difficulty: Difficulty, seeds: Sequence[int], processes: in
         request.write_text(json.dumps({"root": str(root.resolve()), "difficulty": difficulty, "seeds": list(seeds)}))
         with complaints.open("wb") as errors:
             reading, writing = os.pipe()
-            command = [sys.executable, "-m", "common.levels.build", str(request)]
+            command = run_module("common.levels.build", str(request))
             workers = [subprocess.Popen(command, stdout=writing, stderr=errors) for _ in range(processes)]
             os.close(writing)
             try:

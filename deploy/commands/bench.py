@@ -9,17 +9,18 @@ from typing import Annotated
 
 import typer
 
-from common.config import ConfigError, nearest
+from common.interpreter import run_module
+from common.strict import ConfigError, nearest
 from deploy.output import AsJson, one_line_errors
 from deploy.plan import ENVIRONMENT
 from deploy.runs import Failed
 
 BENCHES = {
-    "world": "common.rail.bench_world",
-    "policy": "common.policy.bench_policy",
-    "levels": "common.levels.bench_levels",
-    "learner": "services.learner.bench_update",
-    "replay": "services.learner.bench_replay",
+    "world": "tools.bench.world",
+    "policy": "tools.bench.policy",
+    "levels": "tools.bench.levels",
+    "learner": "tools.bench.learner",
+    "replay": "tools.bench.replay",
 }
 WITH_WORLDS = ("world", "policy", "levels")  # that play so many worlds, or make so many levels
 INTERRUPTED = 130  # as shells say it
@@ -40,7 +41,7 @@ def bench(
         raise ConfigError(f"unknown benchmark {what!r}{nearest(what, list(BENCHES))}")
     if worlds is not None and what not in WITH_WORLDS:
         raise ConfigError(f"--worlds {worlds}: bench {what} plays none, leave it out")
-    command = [sys.executable, "-m", BENCHES[what]]
+    command = run_module(BENCHES[what])
     for option, value in (("--repeats", repeats), ("--worlds", worlds)):
         if value is not None and value < 1:
             raise ConfigError(f"{option} {value}: use a number above 0")

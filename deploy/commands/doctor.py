@@ -15,6 +15,7 @@ from rich.status import Status
 from rich.table import Table
 
 from common.bus import NoAnswer, open_bus, open_router
+from common.interpreter import run_module
 from common.records import CommandAnswer, Empty
 from common.task import FAILED
 from common.wire.keys import Service
@@ -117,7 +118,7 @@ def _arithmetic() -> str:
     with tempfile.TemporaryDirectory() as scratch:
         runs = [
             subprocess.run(
-                [sys.executable, "-m", "services.learner.selfcheck"],
+                run_module("services.learner.selfcheck"),
                 capture_output=True,
                 text=True,
                 check=False,

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from common.config import ConfigError
 from common.levels.bank import bank_root
+from common.strict import ConfigError
 from deploy.commands.levels.options import known, option
 from deploy.commands.references import REFERENCE_SCORER, REFERENCES, check_reference, found_checkpoint, heading
 from deploy.output import AsJson, console, one_line_errors, say

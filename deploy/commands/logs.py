@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from common.config import ConfigError, nearest
 from common.folder import RunFolder
+from common.strict import ConfigError, nearest
 from deploy.output import AsJson, RunName, one_line_errors, say
 from deploy.runs import find_run
 

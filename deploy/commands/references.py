@@ -4,8 +4,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, get_args
 
-from common.config import ConfigError
-from common.study import DRAWING, Reference
+from analysis.study import DRAWING, Reference
+from common.strict import ConfigError
 from deploy.output import counted
 from deploy.runs import find_checkpoint
 

@@ -5,13 +5,13 @@ from typing import Annotated
 
 import typer
 
-from common.config import ConfigError, nearest
+from common.strict import ConfigError, nearest
 from deploy.judged import TITLES, judged_parts
 from deploy.output import AsJson, console, one_line_errors, say
 from deploy.runs import find_run
 from deploy.task import run_task
 
-JUDGE, REPORTER = "services.evaluator.reliability", "services.evaluator.report"
+JUDGE, REPORTER = "analysis.reliability", "analysis.report"
 PROTOCOLS = ["default", "tool"]
 
 

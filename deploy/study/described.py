@@ -7,9 +7,10 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from common.config import ConfigError, RunConfig, flat, nearest
+from analysis.study import Contender, PlannedRun, Study, StudyFolder, planned_runs, read_study
+from common.config import RunConfig
 from common.folder import write_atomically
-from common.study import Contender, PlannedRun, Study, StudyFolder, planned_runs, read_study
+from common.strict import ConfigError, flat, nearest
 from deploy.resolve import merge, resolve, spelled_out
 from deploy.runs import Failed, runs_root
 

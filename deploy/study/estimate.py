@@ -9,11 +9,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from common.config import ConfigError
+from analysis.study import FinalEvaluation, Study, StudyFolder
 from common.folder import RunFolder
 from common.records import EpisodeRow, EvaluationRow
 from common.rows import DamagedRows, read_rows
-from common.study import FinalEvaluation, Study, StudyFolder
+from common.strict import ConfigError
 from deploy.follow import outcome_of
 from deploy.study.progress import RunProgress, StudyProgress
 

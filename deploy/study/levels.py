@@ -3,11 +3,11 @@
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
+from analysis.study import PlannedRun, Study
 from common.config import Difficulty, RunConfig
 from common.levels.bank import LevelBank
 from common.levels.chunks import BankError
 from common.seeding import evaluation_level_seed, training_level_seed
-from common.study import PlannedRun, Study
 from deploy.commands.levels.options import TASKS
 from deploy.runs import Failed
 from deploy.task import run_task

@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from analysis.study import PlannedRun, Study, StudyFolder, planned_runs
 from common.folder import RunFolder
 from common.locks import holder
 from common.records import EpisodeRow
 from common.rows import DamagedRows, read_rows
-from common.study import PlannedRun, Study, StudyFolder, planned_runs
 from deploy.follow import outcome_of
 from deploy.runs import supervised
 

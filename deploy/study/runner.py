@@ -10,11 +10,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from common.config import ConfigError, RunConfig
+from analysis.study import PlannedRun, Study, StudyFolder
+from common.config import RunConfig
 from common.folder import RunFolder, write_atomically
 from common.locks import holder
 from common.process import Stopping
-from common.study import PlannedRun, Study, StudyFolder
+from common.strict import ConfigError
 from deploy.commands.evaluate import SCORER
 from deploy.commands.references import REFERENCE_SCORER
 from deploy.follow import outcome_of
@@ -36,7 +37,7 @@ from deploy.study.dispatcher import (
 )
 from deploy.task import Task
 
-REPORTER = "services.evaluator.report"
+REPORTER = "analysis.report"
 TICK_S = 0.2
 
 

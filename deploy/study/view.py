@@ -12,7 +12,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from common.study import PlannedRun, Study, StudyFolder
+from analysis.study import PlannedRun, Study, StudyFolder
 from deploy.show import duration
 from deploy.study.dispatcher import Dispatcher, Ended, Job
 from deploy.study.estimate import Cell, Rate, measured, seconds_left

@@ -7,12 +7,13 @@ from contextlib import contextmanager
 
 from rich.console import Console
 
-from common.config import ConfigError, RunConfig
+from analysis.study import PlannedRun, Study, StudyFolder, planned_runs
+from common.config import RunConfig
 from common.folder import RunFolder
 from common.levels.bank import bank_root
 from common.locks import RunsAlreadyError, holder, living, sole
 from common.process import Stopping
-from common.study import PlannedRun, Study, StudyFolder, planned_runs
+from common.strict import ConfigError
 from deploy.runs import Failed, runs_root
 from deploy.study.described import configurations
 from deploy.study.dispatcher import Dispatcher, Job, in_order

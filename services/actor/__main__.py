@@ -5,7 +5,7 @@ from pathlib import Path
 
 from common.config import DIFFICULTIES
 from common.folder import RunFolder
-from common.process import run_service, take_place
+from common.process import run_service, service_context
 
 
 def main() -> None:
@@ -14,11 +14,11 @@ def main() -> None:
     parser.add_argument("--name", required=True, help="this actor's name, unique in the run")
     parser.add_argument("--serves", required=True, choices=[*DIFFICULTIES, "any"], help="the difficulty it acts")
     arguments = parser.parse_args()
-    with take_place(RunFolder(arguments.run), arguments.name, "actor") as place:
-        # Seconds of imports come when the place is taken, so that whoever supervises sees this process at once.
+    with service_context(RunFolder(arguments.run), arguments.name, "actor") as context:
+        # Imports take seconds and come last, so that whoever supervises sees this process at once.
         from services.actor.service import Actor
 
-        Actor(place, arguments.serves).run()
+        Actor(context, arguments.serves).run()
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from common.levels.bank import bank_root
 from common.levels.supply import LevelSupply
 from common.policy.compiled import Twin
 from common.policy.player import MAX_TRAINS, Acting, network_layout, player
-from common.process import Place
+from common.process import ServiceContext
 from common.rail.play import Recording
 from common.records import Episode, Lease, LeaseAnswer, LeaseRequest, Weights, WeightsRequest
 from common.seeding import stream_key
@@ -56,15 +56,15 @@ class Shelf:
 class Actor:
     """One actor. Everything an episode depends on comes with its lease."""
 
-    def __init__(self, place: Place, serves: Serves) -> None:
-        self._place = place
+    def __init__(self, context: ServiceContext, serves: Serves) -> None:
+        self._context = context
         self._serves = serves
         self._kept: dict[tuple[int, int], Episode] = {}  # by episode and fragment
-        self._shelf = Shelf(place.config.lag + 2)
-        self._levels = LevelSupply.from_folder(bank_root(place.folder.path.parent))
-        self._player = player(place.config.engine, MAX_TRAINS, self._on_step)
+        self._shelf = Shelf(context.config.lag + 2)
+        self._levels = LevelSupply.from_folder(bank_root(context.folder.path.parent))
+        self._player = player(context.config.engine, MAX_TRAINS, self._on_step)
         self._stands_at: tuple[int, int] | None = None  # episode and steps that the player's world is at
-        self._twin = Twin(network_layout(place.config.network))
+        self._twin = Twin(network_layout(context.config.network))
         self._loaded: int | None = None
         self._acting = 0  # the episode
         self._acted = 0
@@ -72,12 +72,12 @@ class Actor:
 
     def run(self) -> None:
         """Serve until told to stop."""
-        self._place.bus.subscribe(keys.WEIGHTS, self._shelf.put)
-        while not self._place.stopping.asked:
+        self._context.bus.subscribe(keys.WEIGHTS, self._shelf.put)
+        while not self._context.stopping.asked:
             self._beat("waiting for work")
             answer = self._ask()
             if answer is None:
-                self._place.stopping.wait(RETRY_S)
+                self._context.stopping.wait(RETRY_S)
                 continue
             self._settle(answer)
             if answer.lease is not None:
@@ -88,13 +88,13 @@ class Actor:
 
     def _ask(self) -> LeaseAnswer | None:
         request = LeaseRequest(
-            actor=self._place.name,
-            incarnation=self._place.incarnation,
+            actor=self._context.name,
+            incarnation=self._context.incarnation,
             serves=self._serves,
             kept=np.array(sorted(self._kept), np.int64).reshape(-1, 2),
         )
         try:
-            return self._place.bus.ask(keys.LEASE, request, ASK_TIMEOUT_S, lambda: self._place.stopping.asked)
+            return self._context.bus.ask(keys.LEASE, request, ASK_TIMEOUT_S, lambda: self._context.stopping.asked)
         except NoAnswer as reason:
             log.debug("no lease: %s", reason)
             return None
@@ -104,9 +104,9 @@ class Actor:
             del self._kept[unit]
         for episode, fragment in answer.missing.tolist():
             log.info("publishes episode %d, fragment %d again: the learner misses it", episode, fragment)
-            self._place.bus.publish(keys.EPISODES, self._kept[episode, fragment])
+            self._context.bus.publish(keys.EPISODES, self._kept[episode, fragment])
         if len(answer.missing):
-            self._place.stopping.wait(RETRY_S)  # what the learner refuses stays missing: no storm
+            self._context.stopping.wait(RETRY_S)  # what the learner refuses stays missing: no storm
 
     def _serve(self, lease: Lease) -> None:
         if not self._load(lease.weights_version):
@@ -115,7 +115,7 @@ class Actor:
         episode = self._act(lease)
         self._kept[lease.episode, lease.fragment] = episode
         self._acted += episode.over
-        self._place.bus.publish(keys.EPISODES, episode)
+        self._context.bus.publish(keys.EPISODES, episode)
         self._idle_since = time.perf_counter()
 
     def _load(self, version: int) -> bool:
@@ -129,7 +129,7 @@ class Actor:
 
     def _pull(self, version: int) -> Weights | None:
         try:
-            return self._place.bus.ask(keys.PULL_WEIGHTS, WeightsRequest(version=version), ASK_TIMEOUT_S)
+            return self._context.bus.ask(keys.PULL_WEIGHTS, WeightsRequest(version=version), ASK_TIMEOUT_S)
         except NoAnswer as reason:
             log.warning("no weights %d: %s", version, reason)
             return None
@@ -137,11 +137,11 @@ class Actor:
     def _act(self, lease: Lease) -> Episode:
         begin = time.perf_counter()
         states = self._stand_at(lease)
-        key = stream_key(self._place.config.seed, lease.episode, "explore")
+        key = stream_key(self._context.config.seed, lease.episode, "explore")
         recording = self._player.advance(Acting(self._twin, lease.epsilon, key), states, lease.steps)
         self._stands_at = (lease.episode, recording.last_step)
         acting_s = time.perf_counter() - begin
-        return _episode(lease, recording, self._place.name, acting_s, waited_s=begin - self._idle_since)
+        return _episode(lease, recording, self._context.name, acting_s, waited_s=begin - self._idle_since)
 
     def _stand_at(self, lease: Lease) -> NDArray[np.float32]:
         """Bring the world to where the lease goes on, unless it stands there; returns the trains' states [N, S]."""
@@ -157,12 +157,12 @@ class Actor:
         return before.states.copy()
 
     def _on_step(self) -> None:
-        if self._place.stopping.asked:
+        if self._context.stopping.asked:
             raise Stopped
         self._beat(f"acting episode {self._acting}")
 
     def _beat(self, state: str) -> None:
-        self._place.heart.beat(state, lambda: {"acted": float(self._acted), "kept": float(len(self._kept))})
+        self._context.heartbeat.beat(state, lambda: {"acted": float(self._acted), "kept": float(len(self._kept))})
 
 
 def _episode(lease: Lease, recording: Recording, actor: str, acting_s: float, waited_s: float) -> Episode:

@@ -4,17 +4,17 @@ import argparse
 from pathlib import Path
 
 from common.folder import RunFolder
-from common.process import run_service, take_place
+from common.process import run_service, service_context
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="The evaluator of a run.")
     parser.add_argument("--run", type=Path, required=True, help="the run's folder")
-    with take_place(RunFolder(parser.parse_args().run), "evaluator", "evaluator") as place:
-        # Seconds of imports come when the place is taken, so that whoever supervises sees this process at once.
+    with service_context(RunFolder(parser.parse_args().run), "evaluator", "evaluator") as context:
+        # Imports take seconds and come last, so that whoever supervises sees this process at once.
         from services.evaluator.service import Evaluator
 
-        Evaluator(place).run()
+        Evaluator(context).run()
 
 
 if __name__ == "__main__":

@@ -9,8 +9,9 @@ from typing import Any, get_args
 
 import numpy as np
 
+from analysis.statistics import mean_interval
 from common.checkpoint import CheckpointError
-from common.config import ConfigError, Difficulty, Mode, nearest
+from common.config import Difficulty, Mode
 from common.levels import files
 from common.levels.chunks import BankError
 from common.levels.files import LevelFileError
@@ -20,9 +21,9 @@ from common.levels.supply import LevelSupply
 from common.policy.checkpoints import SavedPolicy, load_policy
 from common.policy.compiled import Twin
 from common.policy.player import MAX_TRAINS, player
+from common.strict import ConfigError, nearest
 from common.task import Teller, carry_out, say
 from services.evaluator.runner import Policy, Score, UnplayableLevelError, evaluate, greedy, sampled
-from services.evaluator.statistics import mean_interval
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from common.levels.bank import bank_root
 from common.levels.supply import LevelSupply
 from common.policy.compiled import Twin
 from common.policy.player import MAX_TRAINS, network_layout, player
-from common.process import Fatal, Place
+from common.process import Fatal, ServiceContext
 from common.records import (
     CheckpointFile,
     CheckpointNotice,
@@ -42,33 +42,33 @@ class Stopped(Exception):  # noqa: N818  (not an error)
 class Evaluator:
     """The evaluator of a run. Its row file says what is done, so it can be killed at any time."""
 
-    def __init__(self, place: Place) -> None:
-        self._place = place
-        self._config = place.config
+    def __init__(self, context: ServiceContext) -> None:
+        self._context = context
+        self._config = context.config
         try:
-            self._file = RowFile(place.folder.evaluations_file, EvaluationRow)
+            self._file = RowFile(context.folder.evaluations_file, EvaluationRow)
         except DamagedRows as error:
             raise Fatal(str(error)) from None
         self._done = {(row.episode, row.level) for row in self._file.rows}
         self._announced = threading.Event()
-        self._levels = LevelSupply.from_folder(bank_root(place.folder.path.parent))
-        self._twin = Twin(network_layout(place.config.network))
-        plays = player(place.config.engine, MAX_TRAINS, self._on_step)
-        is_greedy = place.config.evaluation.mode == "greedy"
-        self._policy = greedy(plays, self._twin) if is_greedy else sampled(plays, self._twin, place.config.seed)
+        self._levels = LevelSupply.from_folder(bank_root(context.folder.path.parent))
+        self._twin = Twin(network_layout(context.config.network))
+        plays = player(context.config.engine, MAX_TRAINS, self._on_step)
+        is_greedy = context.config.evaluation.mode == "greedy"
+        self._policy = greedy(plays, self._twin) if is_greedy else sampled(plays, self._twin, context.config.seed)
 
     def run(self) -> None:
         """Serve until told to stop."""
-        self._place.bus.subscribe(keys.CHECKPOINTS, lambda _notice: self._announced.set())
-        self._place.bus.serve(keys.EVALUATION_HISTORY, self._on_history)
+        self._context.bus.subscribe(keys.CHECKPOINTS, lambda _notice: self._announced.set())
+        self._context.bus.serve(keys.EVALUATION_HISTORY, self._on_history)
         waited_s = ASK_EVERY_S
-        while not self._place.stopping.asked:
+        while not self._context.stopping.asked:
             self._beat("waiting for checkpoints")
             if self._announced.is_set() or waited_s >= ASK_EVERY_S:
                 self._announced.clear()
                 waited_s = 0.0
                 self._evaluate_new()
-            self._place.stopping.wait(LOOK_S)
+            self._context.stopping.wait(LOOK_S)
             waited_s += LOOK_S
 
     def _on_history(self, question: Question[HistoryRequest, EvaluationRows]) -> None:
@@ -77,7 +77,7 @@ class Evaluator:
 
     def _evaluate_new(self) -> None:
         try:
-            notice: CheckpointNotice = self._place.bus.ask(keys.LIST_CHECKPOINTS, Empty(), ASK_TIMEOUT_S, self._stops)
+            notice: CheckpointNotice = self._context.bus.ask(keys.LIST_CHECKPOINTS, Empty(), ASK_TIMEOUT_S, self._stops)
             for episode in notice.episodes:
                 if not all((episode, level) in self._done for level in self._config.mix):
                     self._evaluate(episode)
@@ -87,7 +87,7 @@ class Evaluator:
             log.info("told to stop in the middle of an evaluation")
 
     def _evaluate(self, episode: int) -> None:
-        pulled: CheckpointFile = self._place.bus.ask(
+        pulled: CheckpointFile = self._context.bus.ask(
             keys.PULL_CHECKPOINT, CheckpointRequest(episode=episode), ASK_TIMEOUT_S, self._stops
         )
         try:
@@ -101,7 +101,7 @@ class Evaluator:
                 self._file.append(row)
                 self._file.sync()
                 self._done.add((episode, level))
-                self._place.bus.publish(keys.EVALUATION_ROWS, row)
+                self._context.bus.publish(keys.EVALUATION_ROWS, row)
                 log.info("checkpoint %d on %s: %.4f", episode, level, row.normalised_return)
 
     def _score(self, episode: int, level: Difficulty, weights_digest: str) -> EvaluationRow:
@@ -123,12 +123,12 @@ class Evaluator:
         )
 
     def _stops(self) -> bool:
-        return self._place.stopping.asked
+        return self._context.stopping.asked
 
     def _on_step(self) -> None:
-        if self._place.stopping.asked:
+        if self._context.stopping.asked:
             raise Stopped
         self._beat("evaluating")
 
     def _beat(self, state: str) -> None:
-        self._place.heart.beat(state, lambda: {"evaluations": float(len(self._file.rows))})
+        self._context.heartbeat.beat(state, lambda: {"evaluations": float(len(self._file.rows))})

@@ -4,19 +4,19 @@ import argparse
 from pathlib import Path
 
 from common.folder import RunFolder
-from common.process import run_service, take_place
+from common.process import run_service, service_context
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="The learner of a run.")
     parser.add_argument("--run", type=Path, required=True, help="the run's folder")
-    with take_place(RunFolder(parser.parse_args().run), "learner", "learner") as place:
-        # Seconds of imports come when the place is taken, so that whoever supervises sees this process at once.
+    with service_context(RunFolder(parser.parse_args().run), "learner", "learner") as context:
+        # Imports take seconds and come last, so that whoever supervises sees this process at once.
         from common.policy.determinism import deterministic_torch
         from services.learner.service import Learner
 
         deterministic_torch()
-        Learner(place).run()
+        Learner(context).run()
 
 
 if __name__ == "__main__":

@@ -67,9 +67,9 @@ class ExperienceReplay:
         """Give new priorities [B] to decisions at `places` [B]."""
         self._replay.reprioritise(places, priorities)
 
-    def telling(self) -> dict[str, float]:
+    def metrics(self) -> dict[str, float]:
         """How full it is, and what its priorities are."""
-        return self._replay.telling()
+        return self._replay.metrics()
 
     def state(self) -> dict[str, NDArray[Any]]:
         """A copy of everything."""
@@ -89,8 +89,8 @@ class WithReplay:
     def __init__(self, replay: ExperienceReplay) -> None:
         self._replay = replay
 
-    def telling(self) -> dict[str, float]:
-        return self._replay.telling()
+    def metrics(self) -> dict[str, float]:
+        return self._replay.metrics()
 
     def state(self) -> dict[str, NDArray[Any]]:
         return self._replay.state()

@@ -27,7 +27,7 @@ class PolicyRule(Protocol):
     def learn(self, new: Experience) -> list[dict[str, float]]:
         """Learn from the decisions of an episode, at least one; returns the metrics of each update."""
 
-    def telling(self) -> dict[str, float]:
+    def metrics(self) -> dict[str, float]:
         """What there is to tell about the rule itself."""
 
     def state(self) -> dict[str, NDArray[Any]]:
@@ -77,7 +77,7 @@ class PolicyTrainer:
             "updates": float(len(rows)),
             "transitions": float(len(episode.times)),
             **means(rows),
-            **self._rule.telling(),
+            **self._rule.metrics(),
         }
 
     def weights(self) -> dict[str, NDArray[np.float32]]:

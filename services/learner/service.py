@@ -14,7 +14,7 @@ import numpy as np
 from common.bus import Question
 from common.checkpoint import Tensors
 from common.config import Difficulty, RunConfig
-from common.process import Fatal, Place
+from common.process import Fatal, ServiceContext
 from common.rail.normalise import N_FEATURES
 from common.records import (
     CheckpointFile,
@@ -63,10 +63,10 @@ class Parked:
 class Learner:
     """The learner of a run, from its newest snapshot to the last episode."""
 
-    def __init__(self, place: Place) -> None:
-        self._place = place
-        self._config: RunConfig = place.config
-        self._archive = Archive(place.folder, place.config)
+    def __init__(self, context: ServiceContext) -> None:
+        self._context = context
+        self._config: RunConfig = context.config
+        self._archive = Archive(context.folder, context.config)
         try:
             self._trainer = build_trainer(self._config.rule, Learning.of(self._config))
         except ValueError as error:
@@ -85,10 +85,10 @@ class Learner:
             version=self._archive.version,
         )
         self._steps = sum(row.steps for row in self._archive.rows)  # of all trained episodes
-        self._telemetry = Telemetry(place.folder, self._archive.snapshot)
+        self._telemetry = Telemetry(context.folder, self._archive.snapshot)
         self._inbox: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._parked: dict[str, Parked] = {}
-        self._paused = place.folder.paused_file.exists()
+        self._paused = context.folder.paused_file.exists()
         self._pace: deque[tuple[float, int]] = deque([(time.monotonic(), 0)])
         self._rejected = 0
 
@@ -110,9 +110,9 @@ class Learner:
         self._open_doors()
         self._announce_checkpoints()
         log.info("goes on after %d of %d episodes", self._ledger.trained, self._ledger.total)
-        while not self._place.stopping.asked:
+        while not self._context.stopping.asked:
             self._take_messages(wait_s=0.1)
-            while not (self._paused or self._place.stopping.asked):
+            while not (self._paused or self._context.stopping.asked):
                 episode = self._ledger.next_ready()
                 if episode is None:
                     break
@@ -130,7 +130,7 @@ class Learner:
         self._telemetry.close()
 
     def _open_doors(self) -> None:
-        bus = self._place.bus
+        bus = self._context.bus
         bus.watch_alive(keys.ALL_ALIVE, lambda alive, there: self._inbox.put(partial(self._on_alive, alive, there)))
         bus.subscribe(keys.EPISODES, lambda episode: self._inbox.put(partial(self._on_episode, episode)))
         bus.serve(keys.LEASE, lambda question: self._inbox.put(partial(self._on_lease, question)))
@@ -233,11 +233,11 @@ class Learner:
     def _on_command(self, question: Question[LearnerCommand, CommandAnswer]) -> None:
         verb = question.request.verb
         if verb == "pause":
-            self._place.folder.paused_file.touch()
+            self._context.folder.paused_file.touch()
             self._paused = True
             text = f"paused after episode {self._ledger.trained}; railctl resume goes on"
         elif verb == "resume":
-            self._place.folder.paused_file.unlink(missing_ok=True)
+            self._context.folder.paused_file.unlink(missing_ok=True)
             self._paused = False
             text = f"goes on after episode {self._ledger.trained}"
         else:
@@ -274,7 +274,7 @@ class Learner:
         self._telemetry.end_episode(row.episode, acting_s=self._open.acting_s, waited_s=self._open.waited_s)
         self._open = OpenEpisode()
         self._steps += row.steps
-        self._place.bus.publish(keys.EPISODE_ROWS, row)
+        self._context.bus.publish(keys.EPISODE_ROWS, row)
         self._pace.append((time.monotonic(), row.steps))
         if trained % self._config.cluster.snapshot_every_episodes == 0 or self._ledger.finished:
             self._save_snapshot()
@@ -287,7 +287,7 @@ class Learner:
         weights = Weights(version=version, tensors=self._trainer.weights())
         self._weights[version] = weights
         self._weights.pop(version - self._config.lag - 2, None)
-        self._place.bus.publish(keys.WEIGHTS, weights)
+        self._context.bus.publish(keys.WEIGHTS, weights)
 
     def _answer_parked(self) -> None:
         now = time.monotonic()
@@ -359,7 +359,7 @@ class Learner:
         return str(path)
 
     def _announce_checkpoints(self) -> None:
-        self._place.bus.publish(keys.CHECKPOINTS, self._notice())
+        self._context.bus.publish(keys.CHECKPOINTS, self._notice())
 
     def _notice(self) -> CheckpointNotice:
         return CheckpointNotice(
@@ -368,7 +368,7 @@ class Learner:
 
     def _beat(self, *, now: bool = False) -> None:
         state = "finished" if self._ledger.finished else "paused" if self._paused else "training"
-        self._place.heart.beat(state, self._counters, now=now)
+        self._context.heartbeat.beat(state, self._counters, now=now)
 
     def _counters(self) -> dict[str, float]:
         horizon = time.monotonic() - RATE_WINDOW_S
@@ -384,7 +384,7 @@ class Learner:
             "checkpoints": len(self._archive.checkpoints(self._ledger.trained)),
             "episodes_per_s": (len(self._pace) - 1) / elapsed,
             "steps_per_s": sum(steps for _, steps in list(self._pace)[1:]) / elapsed,
-            "refused": self._place.bus.refused + self._rejected,
+            "refused": self._context.bus.refused + self._rejected,
             "duplicates": self._ledger.duplicates,
             "reissued": self._ledger.reissued,
         }

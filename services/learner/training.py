@@ -127,7 +127,7 @@ class ValueTrainer:
         return {
             "updates": float(len(metrics)),
             "transitions": float(len(new)),
-            **self._replay.telling(),
+            **self._replay.metrics(),
             **means(metrics),
         }
 

@@ -18,10 +18,10 @@ def main() -> None:
     endpoint, _ = folder.endpoint_and_namespace()
     stopping = Stopping()
     # The name comes before the port: a second router gives way to the first instead of failing.
-    with sole(folder, "router"), open_router(endpoint), join(folder, "router", "router", stopping) as place:
-        while not place.stopping.asked:
-            place.heart.beat("routing")
-            place.stopping.wait(LOOK_S)
+    with sole(folder, "router"), open_router(endpoint), join(folder, "router", "router", stopping) as context:
+        while not context.stopping.asked:
+            context.heartbeat.beat("routing")
+            context.stopping.wait(LOOK_S)
 
 
 if __name__ == "__main__":

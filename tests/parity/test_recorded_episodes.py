@@ -8,10 +8,18 @@ import pytest
 from common.levels.files import opened
 from common.levels.legacy import generate
 from common.levels.level import Level
-from common.rail.findings import FIELDS, Findings
 from common.rail.flatland_world import FlatlandEpisode
-from common.rail.recorded import ACTIVE, ARRIVED, READY_TO_DEPART, Course, RecordedEpisode, episode_names, read_episode
-from common.rail.replay import replay
+from tools.recordings.findings import FIELDS, Findings
+from tools.recordings.recorded import (
+    ACTIVE,
+    ARRIVED,
+    READY_TO_DEPART,
+    Course,
+    RecordedEpisode,
+    episode_names,
+    read_episode,
+)
+from tools.recordings.replay import replay
 
 HERE = Path(__file__).parent
 SMALL = HERE / "data" / "flatland222_episodes_small.npz"
@@ -32,7 +40,7 @@ EPISODES = [
 
 
 def replay_on_flatland(told: RecordedEpisode) -> Course:
-    """As `common.rail.replay.replay`, for episodes that end no earlier than their recording."""
+    """As `tools.recordings.replay.replay`, for episodes that end no earlier than their recording."""
     episode, observations = FlatlandEpisode(told.level), len(told.course.tree)
     ours: dict[str, list] = {name: [] for name in FIELDS}
     ours["tree"].append(trees(episode))

@@ -2,7 +2,7 @@
 
 The recording holds, a difficulty, the content hashes of what 2.2.2's own sparse rail and schedule generators made with
 `RandomState(0)`, `RandomState(1)` and so on. Levels recorded from whole 2.2.2 environments, whose random numbers are
-not known, are compared as samples; what they are like in numbers was taken down with `common.levels.routes`.
+not known, are compared as samples; what they are like in numbers was taken down with `tools.levels.routes`.
 """
 
 import json
@@ -13,8 +13,8 @@ import pytest
 
 from common.config import DIFFICULTIES, Difficulty
 from common.levels import files, legacy
-from common.levels.routes import Numbers, numbers
 from common.seeding import training_level_seed
+from tools.levels.routes import Numbers, numbers
 
 HERE = Path(__file__).parent
 HASHES = json.loads((HERE / "data" / "flatland222_generator.json").read_text())

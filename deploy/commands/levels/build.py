@@ -6,8 +6,9 @@ from typing import Annotated
 
 import typer
 
-from common.config import DIFFICULTIES, ConfigError
+from common.config import DIFFICULTIES
 from common.levels.bank import bank_root
+from common.strict import ConfigError
 from deploy.commands.levels.options import TASKS, Bank, known, option
 from deploy.output import AsJson, one_line_errors, say
 from deploy.runs import runs_root

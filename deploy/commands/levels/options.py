@@ -1,13 +1,14 @@
-"""What several verbs on levels are told, and how it is passed on to `common.levels.tasks`."""
+"""What several verbs on levels are told, and how it is passed on to `tools.levels.tasks`."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from common.config import DIFFICULTIES, ConfigError, nearest
+from common.config import DIFFICULTIES
+from common.strict import ConfigError, nearest
 
-TASKS = "common.levels.tasks"  # the process that does the work
+TASKS = "tools.levels.tasks"  # the process that does the work
 
 Bank = Annotated[
     Path | None, typer.Option(help="The bank's folder; default: $RAILCTL_LEVELS, or .levels beside the runs.")

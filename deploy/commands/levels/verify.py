@@ -6,8 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
-from common.config import ConfigError
 from common.levels.bank import bank_root
+from common.strict import ConfigError
 from common.task import FAILED
 from deploy.commands.levels.options import TASKS, Bank, option
 from deploy.output import AsJson, counted, one_line_errors, say

@@ -6,8 +6,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from analysis.study import Study, StudyFolder
 from common.levels.bank import bank_root
-from common.study import Study, StudyFolder
 from deploy.commands.study.options import Cores, OtherName, StudyName
 from deploy.output import AsJson, console, one_line_errors
 from deploy.runs import Failed, runs_root

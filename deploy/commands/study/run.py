@@ -1,6 +1,6 @@
 """railctl study run: carry out a study, or go on with one."""
 
-from common.study import StudyFolder
+from analysis.study import StudyFolder
 from deploy.commands.study.options import Cores, OtherName, StudyName
 from deploy.output import console, one_line_errors
 from deploy.runs import Failed, runs_root

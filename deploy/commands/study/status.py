@@ -2,9 +2,9 @@
 
 import json
 
+from analysis.study import StudyFolder, read_study
 from common.folder import RunFolder
 from common.locks import holder
-from common.study import StudyFolder, read_study
 from deploy.commands.study.options import StudyName
 from deploy.output import AsJson, console, one_line_errors
 from deploy.study.described import find_folder

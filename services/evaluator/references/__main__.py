@@ -6,11 +6,11 @@ What it says is what `services.evaluator.score` says of a checkpoint, with the p
 import argparse
 from typing import get_args
 
+from analysis.study import DRAWING, Reference
 from common.config import DIFFICULTIES
 from common.levels.chunks import BankError
 from common.levels.files import LevelFileError
 from common.rail.compiled.world import CompiledWorld
-from common.study import DRAWING, Reference
 from common.task import carry_out, say
 from services.evaluator.references.policies import ORDERS, reference_policy
 from services.evaluator.runner import UnplayableLevelError

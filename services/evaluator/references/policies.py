@@ -11,8 +11,8 @@
 
 from functools import partial
 
+from analysis.study import Reference
 from common.rail.compiled.world import CompiledWorld
-from common.study import Reference
 from services.evaluator.references.deadlock_avoidance import deadlock_avoidance
 from services.evaluator.references.performing import Begin, policy_of
 from services.evaluator.references.planner import planner

@@ -165,7 +165,7 @@ class WholeEpisodes:
         x = sparse_rows(new.observation_tm1)
         return [self._ppo.update(x, new) for _ in range(self._epochs)]
 
-    def telling(self) -> dict[str, float]:
+    def metrics(self) -> dict[str, float]:
         return {}
 
     def state(self) -> dict[str, NDArray[Any]]:

@@ -145,7 +145,7 @@ class Replay:
         self._rows.gather(chain.reshape(-1), _bits(self._histories.numpy()).reshape(1, -1, self._n_features))
         return self._histories
 
-    def telling(self) -> dict[str, float]:
+    def metrics(self) -> dict[str, float]:
         """`replay_fill`, a share of the capacity; and `priority_mean` and `priority_max`, to the power of alpha."""
         told = {"replay_fill": len(self) / self._capacity}
         if self._priorities:

@@ -1,9 +1,10 @@
 """What docs/adapters.md shows works as it stands there."""
 
 import re
-import sys
 
 from terminal import ROOT, run_command
+
+from common.interpreter import PYTHON
 
 TEXT = (ROOT / "docs" / "adapters.md").read_text()
 
@@ -14,7 +15,7 @@ def example(language):
 
 
 def test_the_pettingzoo_example_plays_an_episode(tmp_path):
-    played = run_command(tmp_path, sys.executable, "-c", example("python"))
+    played = run_command(tmp_path, *PYTHON, "-c", example("python"))
     assert played.returncode == 0, played.stderr
     assert re.fullmatch(r"3 trains, 412 steps, -\d\.\d{3}\n", played.stdout)
 

@@ -14,12 +14,12 @@ from adapters.flatland_tools import CheckpointPolicy, StudyObservation, StudyRew
 from common import checkpoint
 from common.checkpoint import CheckpointError
 from common.config import NetworkConfig
-from common.levels.export import save_pickle
 from common.levels.supply import LevelSupply
 from common.policy.checkpoints import load_policy
 from common.rail.flatland_world import FlatlandEpisode
 from common.rail.normalise import N_FEATURES, normalise
 from common.rail.world import MOVE_FORWARD
+from tools.levels.export import save_pickle
 
 CLASSES = [
     *("--policy", "adapters.flatland_tools.CheckpointPolicy"),

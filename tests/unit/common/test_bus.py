@@ -4,7 +4,6 @@ import json
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 import uuid
@@ -17,6 +16,7 @@ import zenoh
 
 from common import bus as bus_module
 from common.bus import NoAnswer, open_bus, open_router
+from common.interpreter import PYTHON
 from common.records import CommandAnswer, Empty, HistoryRequest, Weights
 from common.wire.codec import encode, encoding_of
 from common.wire.keys import ALL_ALIVE, Alive, Service, Topic
@@ -293,7 +293,7 @@ def test_the_token_of_a_killed_process_goes(endpoint, namespace, buses):
     changes = tokens(listener)
     alive = Alive("actor", "actor-easy-0", "one")
     with subprocess.Popen(
-        [sys.executable, "-c", MEMBER, endpoint, namespace], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        [*PYTHON, "-c", MEMBER, endpoint, namespace], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as process:
         try:
             assert changes.get(timeout=PATIENCE_S) == (alive, True)

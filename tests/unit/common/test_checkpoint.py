@@ -1,7 +1,6 @@
 """Files come back whole or are refused in one clear line."""
 
 import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from hypothesis import strategies as st
 
 from common import checkpoint
 from common.checkpoint import CheckpointError, from_bytes, load, save, to_bytes
+from common.interpreter import PYTHON
 
 METADATA = {"config": '{"seed": 1, "é": "ü"}', "episode": "50", "algorithm": "dqn"}
 
@@ -206,4 +206,4 @@ def test_a_truncated_file_is_refused(length):
 
 def test_needs_no_torch():
     code = "import sys, common.checkpoint; sys.exit('torch' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    assert subprocess.run([*PYTHON, "-c", code], check=False).returncode == 0

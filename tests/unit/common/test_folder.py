@@ -6,8 +6,9 @@ import pytest
 import yaml
 
 from common.bus import NoAnswer
-from common.config import ConfigError, parse_config
+from common.config import parse_config
 from common.folder import RunFolder, write_atomically
+from common.strict import ConfigError
 
 CONFIG = {
     "algorithm": "dddqn",

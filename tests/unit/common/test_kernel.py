@@ -9,7 +9,9 @@ import numba
 import numpy as np
 import pytest
 
+from common import compiling as compiling_module
 from common import kernel as kernel_module
+from common.interpreter import PYTHON
 from common.kernel import bare_kernel, kernel
 
 ONE = "from common.kernel import kernel\n\n\n@kernel\ndef one() -> int:\n    return 1\n"
@@ -27,7 +29,8 @@ def run_in(root: Path) -> list[str]:
 def test_code_follows_a_function_of_another_file(tmp_path: Path):
     tiny = tmp_path / "common" / "tiny"
     tiny.mkdir(parents=True)
-    shutil.copy(kernel_module.__file__, tmp_path / "common" / "kernel.py")
+    for module in (kernel_module, compiling_module):
+        shutil.copy(module.__file__, tmp_path / "common")
     other = tmp_path / "other"
     other.mkdir()
     (tiny / "one.py").write_text(ONE)
@@ -57,5 +60,17 @@ def _ones(count: int) -> np.ndarray:
 
 def test_numbas_own_setting_is_put_back(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(numba.config, "CACHE_LOCATOR_CLASSES", "InTreeCacheLocator")
-    kernel(test_numbas_own_setting_is_put_back)
+    assert kernel(_sum_of)(np.ones(2)) == 2
     assert numba.config.CACHE_LOCATOR_CLASSES == "InTreeCacheLocator"
+
+
+LIGHT = """
+import sys
+from common.rail.compiled.paths import count_bits
+print(count_bits.py_func(5), "numba" in sys.modules, count_bits(5), "numba" in sys.modules)
+"""
+
+
+def test_numba_is_imported_only_for_what_is_called():
+    said = subprocess.run([*PYTHON, "-c", LIGHT], capture_output=True, text=True, check=True).stdout
+    assert said.split() == ["2", "False", "2", "True"]

@@ -3,13 +3,13 @@
 import os
 import signal
 import subprocess
-import sys
 from contextlib import contextmanager
 
 import pytest
 
 from common import locks
 from common.folder import RunFolder
+from common.interpreter import PYTHON
 from common.locks import RunsAlreadyError, holder, living, sole
 
 HOLDER = """
@@ -32,7 +32,7 @@ def folder(tmp_path):
 def another(folder, name):
     """A process that holds a name until its input ends."""
     with subprocess.Popen(
-        [sys.executable, "-c", HOLDER, str(folder.path), name],
+        [*PYTHON, "-c", HOLDER, str(folder.path), name],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -119,7 +119,7 @@ def test_probes_do_not_take_each_other_for_holders(folder):
 
 def test_a_child_does_not_inherit_a_name(folder):
     with sole(folder, "supervisor"):
-        child = subprocess.Popen([sys.executable, "-c", "import sys; sys.stdin.read()"], stdin=subprocess.PIPE)
+        child = subprocess.Popen([*PYTHON, "-c", "import sys; sys.stdin.read()"], stdin=subprocess.PIPE)
     with child:
         assert holder(folder, "supervisor") is None
         child.stdin.close()

@@ -5,7 +5,6 @@ import logging
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -14,10 +13,20 @@ import yaml
 
 from common import process
 from common.bus import NoAnswer, open_bus, open_router
-from common.config import ConfigError, parse_config
+from common.config import parse_config
 from common.folder import RunFolder
+from common.interpreter import PYTHON
 from common.locks import RunsAlreadyError, holder, sole
-from common.process import EXIT_FATAL, EXIT_RUNS_ALREADY, Fatal, Heart, Stopping, run_service, take_place
+from common.process import (
+    EXIT_FATAL,
+    EXIT_RUNS_ALREADY,
+    Fatal,
+    HeartbeatPublisher,
+    Stopping,
+    run_service,
+    service_context,
+)
+from common.strict import ConfigError
 from common.wire import keys
 from common.wire.keys import Alive
 from deploy.launch import LOOPBACK, free_port
@@ -60,7 +69,7 @@ def handlers():
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_wait_ends_when_somebody_asks_to_stop(number):
-    with subprocess.Popen([sys.executable, "-c", WAITER], stdout=subprocess.PIPE, text=True) as child:
+    with subprocess.Popen([*PYTHON, "-c", WAITER], stdout=subprocess.PIPE, text=True) as child:
         try:
             assert child.stdout.readline() == "waits\n"
             child.send_signal(number)
@@ -68,6 +77,9 @@ def test_a_wait_ends_when_somebody_asks_to_stop(number):
             assert child.returncode == 0
         finally:
             child.kill()
+
+
+FULL = Path("/dev/full")
 
 
 def test_a_wait_that_nobody_ends_lasts_its_time(handlers, monkeypatch):
@@ -108,17 +120,17 @@ def test_a_heart_beats_at_most_once_a_second_unless_it_must(monkeypatch):
     clock, wire = Clock(), Wire()
     clock.now = 100.0
     monkeypatch.setattr(process, "time", clock)
-    heart = Heart(wire, "learner", "learner")
-    heart.beat("starting")
-    heart.beat("training", lambda: pytest.fail("counted for nothing"))
+    heartbeat = HeartbeatPublisher(wire, "learner", "learner")
+    heartbeat.beat("starting")
+    heartbeat.beat("training", lambda: pytest.fail("counted for nothing"))
     clock.now += 0.99
-    heart.beat("training")
+    heartbeat.beat("training")
     assert len(wire.published) == 1
     clock.now += 0.01
-    heart.beat("training", lambda: {"done": 3.0})
-    heart.beat("finished", now=True)
+    heartbeat.beat("training", lambda: {"done": 3.0})
+    heartbeat.beat("finished", now=True)
     clock.now += 0.5
-    heart.beat("finished")
+    heartbeat.beat("finished")
     assert [(beat.state, beat.counters) for beat in wire.published] == [
         ("starting", {}),
         ("training", {"done": 3.0}),
@@ -168,7 +180,7 @@ print("went on")
 
 
 def test_a_service_that_ends_well_leaves_at_once():
-    left = subprocess.run([sys.executable, "-c", LEAVER], capture_output=True, text=True, check=True)
+    left = subprocess.run([*PYTHON, "-c", LEAVER], capture_output=True, text=True, check=True)
     assert left.stdout == "done\n"
 
 
@@ -188,7 +200,7 @@ def test_a_place_has_a_token_a_heart_and_a_name_of_its_own(run, handlers):
     with open_bus(*run.endpoint_and_namespace(), PATIENCE_S) as watcher:
         watcher.watch_alive(keys.ALL_ALIVE, lambda alive, there: changes.put((alive, there)))
         watcher.subscribe(keys.HEARTBEATS, beats.put)
-        with take_place(run, "actor-easy-0", "actor") as place:
+        with service_context(run, "actor-easy-0", "actor") as place:
             alive = Alive("actor", "actor-easy-0", place.incarnation)
             assert changes.get(timeout=PATIENCE_S) == (alive, True)
             assert (place.config, place.name, place.folder) == (CONFIG, "actor-easy-0", run)
@@ -197,12 +209,12 @@ def test_a_place_has_a_token_a_heart_and_a_name_of_its_own(run, handlers):
             os.kill(os.getpid(), signal.SIGTERM)
             place.stopping.wait(PATIENCE_S)
             assert place.stopping.asked
-            place.heart.beat("acting", now=True)
+            place.heartbeat.beat("acting", now=True)
             while beats.get(timeout=PATIENCE_S).state != "acting":
                 pass  # "starting" comes first, or came too early to be heard
         assert changes.get(timeout=PATIENCE_S) == (alive, False)
         assert holder(run, "actor-easy-0") is None
-        with take_place(run, "actor-easy-0", "actor") as again:
+        with service_context(run, "actor-easy-0", "actor") as again:
             assert again.incarnation != place.incarnation
 
 
@@ -211,27 +223,34 @@ def test_a_place_that_is_taken_is_not_taken_twice(run, handlers, monkeypatch):
     with (
         sole(run, "learner"),
         pytest.raises(RunsAlreadyError, match=r"learner of .* runs already"),
-        take_place(run, "learner", "learner"),
+        service_context(run, "learner", "learner"),
     ):
         pass
 
 
 def test_a_full_disk_is_fatal_and_other_troubles_may_pass(run, handlers):
     line = rf"^{run.path}: No space left on device: make room, then railctl up --name {run.path.name} goes on$"
-    with pytest.raises(Fatal, match=line), take_place(run, "learner", "learner"), Path("/dev/full").open("w") as full:
+    with (
+        pytest.raises(Fatal, match=line),
+        service_context(run, "learner", "learner"),
+        Path("/dev/full").open("w") as full,
+    ):
         full.write("a row")
-    with pytest.raises(IsADirectoryError), take_place(run, "learner", "learner"):
+    with pytest.raises(IsADirectoryError), service_context(run, "learner", "learner"):
         run.path.write_text("a row")
 
 
 def test_a_place_needs_a_configuration_and_a_cluster(tmp_path, handlers):
     folder = RunFolder(tmp_path)
-    with pytest.raises(ConfigError, match=r"config\.yaml cannot be read"), take_place(folder, "learner", "learner"):
+    with (
+        pytest.raises(ConfigError, match=r"config\.yaml cannot be read"),
+        service_context(folder, "learner", "learner"),
+    ):
         pass
     folder.config_file.write_text(yaml.safe_dump(CONFIG.model_dump(mode="json")))
     with (
         pytest.raises(NoAnswer, match="has no cluster: start one with railctl up"),
-        take_place(folder, "learner", "learner"),
+        service_context(folder, "learner", "learner"),
     ):
         pass
     assert holder(folder, "learner") is None

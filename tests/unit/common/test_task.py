@@ -5,7 +5,7 @@ import json
 import pytest
 
 from common import task
-from common.config import ConfigError
+from common.strict import ConfigError
 from common.task import Teller, carry_out
 
 

@@ -4,12 +4,12 @@ import json
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from common.interpreter import PYTHON
 from deploy.cli import app
 from deploy.commands import bench
 
@@ -70,7 +70,7 @@ def test_ctrl_c_ends_both_quietly(tmp_path: Path):
     (tmp_path / "waiting.py").write_text(WAITING)
     path = os.pathsep.join([str(tmp_path), str(Path(bench.__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
     with subprocess.Popen(
-        [sys.executable, "-c", CALLER],
+        [*PYTHON, "-c", CALLER],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         env=os.environ | {"PYTHONPATH": path},

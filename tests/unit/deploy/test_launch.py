@@ -5,16 +5,16 @@ import json
 import os
 import socket
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from common import checkpoint
-from common.config import ConfigError
 from common.folder import RunFolder
+from common.interpreter import PYTHON
 from common.locks import sole
+from common.strict import ConfigError
 from deploy import launch
 from deploy.launch import (
     LOOPBACK,
@@ -239,7 +239,7 @@ def supervisor(monkeypatch):
     def use(code):
         def start(command, **options):
             assert command[1:3] == ["-m", "deploy.supervise"]
-            child = subprocess.Popen([sys.executable, "-c", code, command[-1]], **options | {"stdin": subprocess.PIPE})
+            child = subprocess.Popen([*PYTHON, "-c", code, command[-1]], **options | {"stdin": subprocess.PIPE})
             started.append((child, options))
             return child
 

@@ -1,10 +1,10 @@
 """The plan of a cluster: which processes, and the commands that start them."""
 
 import importlib.util
-import sys
 from pathlib import Path
 
 from common.config import DIFFICULTIES
+from common.interpreter import run_module
 from deploy.plan import actors, cluster
 
 
@@ -32,9 +32,9 @@ def test_names_are_unique():
 
 def test_commands_name_the_service_the_run_and_what_an_actor_is():
     router, *_, actor = cluster({"hard": 1})
-    assert router.command(Path("runs/one")) == [sys.executable, "-m", "services.router", "--run", "runs/one"]
+    assert router.command(Path("runs/one")) == run_module("services.router", "--run", "runs/one")
     assert actor.command(Path("runs/one")) == [
-        *(sys.executable, "-m", "services.actor", "--run", "runs/one"),
+        *run_module("services.actor", "--run", "runs/one"),
         *("--name", "actor-hard-0", "--serves", "hard"),
     ]
 

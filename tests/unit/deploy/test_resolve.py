@@ -5,7 +5,8 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.config import DIFFICULTIES, ConfigError
+from common.config import DIFFICULTIES
+from common.strict import ConfigError
 from deploy.resolve import (
     algorithms,
     flat,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from common.config import ConfigError
+from common.strict import ConfigError
 from deploy.follow import wait_until
 from deploy.runs import Failed
 from deploy.task import Task, run_task, time_left

@@ -5,9 +5,9 @@ import os
 import pytest
 
 from common.bus import NoAnswer
-from common.config import ConfigError
 from common.folder import RunFolder
 from common.locks import sole
+from common.strict import ConfigError
 from deploy.runs import all_runs, find_run, reach, runs_root, supervised
 
 

@@ -4,13 +4,13 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from common.interpreter import PYTHON
 from common.levels import build as building
 from common.levels import chunks
 from common.levels.bank import LevelBank
@@ -45,7 +45,7 @@ def expected() -> dict[int, str]:
 
 
 def start_worker(root: Path) -> subprocess.Popen:
-    return subprocess.Popen([sys.executable, "-c", WORKER, str(root)], stdout=subprocess.PIPE, text=True)
+    return subprocess.Popen([*PYTHON, "-c", WORKER, str(root)], stdout=subprocess.PIPE, text=True)
 
 
 @pytest.mark.parametrize("difficulty", ["easy", "hard"])

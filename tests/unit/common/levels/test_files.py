@@ -12,11 +12,11 @@ from flatland.envs.rail_env import RailEnv
 from flatland.envs.rail_generators import sparse_rail_generator
 
 from common.levels import files
-from common.levels.export import save_pickle
 from common.levels.files import LevelFileError
 from common.levels.legacy import generate
 from common.levels.level import Level
 from common.levels.pickles import load_pickle
+from tools.levels.export import save_pickle
 
 LEVELS = [generate("easy", seed) for seed in range(3)]
 

@@ -3,7 +3,6 @@
 import os
 import random
 import subprocess
-import sys
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
 
 from common.config import DIFFICULTIES, Difficulty
+from common.interpreter import PYTHON
 from common.levels import legacy
 from common.levels.legacy import SPECS, InfeasibleLevelError, generate, max_episode_steps
 from common.rail.flatland_world import FlatlandWorld
@@ -53,7 +53,7 @@ def test_fresh_processes_draw_the_same_levels():
     printed = set()
     for hash_seed in ("1", "2"):
         process = subprocess.run(
-            [sys.executable, "-c", HASHES],
+            [*PYTHON, "-c", HASHES],
             env={**os.environ, "PYTHONHASHSEED": hash_seed},
             capture_output=True,
             text=True,

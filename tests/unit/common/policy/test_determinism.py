@@ -2,7 +2,8 @@
 
 import os
 import subprocess
-import sys
+
+from common.interpreter import PYTHON
 
 CODE = """
 from common.policy.determinism import deterministic_torch
@@ -16,7 +17,7 @@ print(torch.get_num_threads(), torch.get_num_interop_threads(), torch.are_determ
 def run(**variables):
     environment = {name: value for name, value in os.environ.items() if name != "MKL_CBWR"}
     return subprocess.run(
-        [sys.executable, "-c", CODE], env=environment | variables, capture_output=True, text=True, check=False
+        [*PYTHON, "-c", CODE], env=environment | variables, capture_output=True, text=True, check=False
     )
 
 

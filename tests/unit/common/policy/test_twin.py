@@ -2,13 +2,13 @@
 
 import os
 import subprocess
-import sys
 
 import numpy as np
 import pytest
 import torch
 
 from common.config import NetworkConfig
+from common.interpreter import PYTHON
 from common.policy.acting import EpsilonGreedy
 from common.policy.actor_critic import build_actor_critic
 from common.policy.compiled import Twin
@@ -130,7 +130,7 @@ def test_a_row_does_not_depend_on_the_batch(kind: str):
 
 def run_fresh(**variables: str) -> str:
     environment = os.environ | variables
-    done = subprocess.run([sys.executable, "-c", DIGESTS], env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run([*PYTHON, "-c", DIGESTS], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -145,7 +145,7 @@ def test_fresh_processes_other_processors_and_plain_python_give_the_same_bits():
 
 def test_no_fused_multiply_add_is_compiled(tmp_path):
     done = subprocess.run(
-        [sys.executable, "-c", ASSEMBLY],
+        [*PYTHON, "-c", ASSEMBLY],
         env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},  # what comes out of a cache cannot be inspected
         capture_output=True,
         text=True,

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from common.levels.legacy import generate
-from common.rail.bench_world import MALFUNCTIONS, environment
 from common.rail.flatland_env import LevelEnv
 from common.rail.from_flatland import UnsupportedEnvironmentError, level_of, traffic_of
+from tools.bench.world import MALFUNCTIONS, environment
 
 LEVEL = generate("medium", 1)
 

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import pytest
 
+from analysis.study import PlannedRun, Study, StudyFolder
 from common.folder import RunFolder
-from common.study import PlannedRun, Study, StudyFolder
 from deploy.launch import new_run
 from deploy.study.described import configurations
 

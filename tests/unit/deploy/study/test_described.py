@@ -3,8 +3,8 @@
 import pytest
 import yaml
 
-from common.config import ConfigError
-from common.study import PlannedRun, Study, StudyFolder, planned_runs, read_study
+from analysis.study import PlannedRun, Study, StudyFolder, planned_runs, read_study
+from common.strict import ConfigError
 from deploy.runs import runs_root
 from deploy.study.described import configurations, find_folder, find_study, named, save_study, shipped_studies
 

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.study import PlannedRun, Study
+from analysis.study import PlannedRun, Study
 from deploy.study.dispatcher import (
     MOST_LOSSES,
     Adopted,

@@ -2,9 +2,9 @@
 
 import pytest
 
+from analysis.study import FinalEvaluation, PlannedRun, Study, StudyFolder
 from common.folder import RunFolder
 from common.locks import sole
-from common.study import FinalEvaluation, PlannedRun, Study, StudyFolder
 from deploy.study.described import save_study
 from deploy.study.estimate import (
     SCORING_STARTS_S,

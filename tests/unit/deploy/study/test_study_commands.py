@@ -9,8 +9,8 @@ import yaml
 from rich.console import Console
 from typer.testing import CliRunner
 
+from analysis.study import PlannedRun, Study, StudyFolder
 from common.locks import sole
-from common.study import PlannedRun, Study, StudyFolder
 from deploy.cli import app
 from deploy.study.described import configurations, save_study
 from deploy.study.dispatcher import Dispatcher, Ended

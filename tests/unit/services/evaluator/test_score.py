@@ -9,13 +9,14 @@ import pytest
 
 from common import checkpoint
 from common.checkpoint import CheckpointError
-from common.config import ConfigError, NetworkConfig
+from common.config import NetworkConfig
 from common.folder import RunFolder
 from common.levels import files
 from common.levels.files import LevelFileError
 from common.levels.supply import LevelSupply
 from common.policy.checkpoints import load_policy
 from common.policy.player import player
+from common.strict import ConfigError
 from common.task import carry_out
 from deploy.resolve import resolve
 from services.evaluator.runner import UnplayableLevelError, evaluate, greedy
@@ -92,7 +93,7 @@ def test_a_policy_is_scored_as_in_its_run(scored, write_checkpoint, tmp_path):
     write_checkpoint(path, config.network, seed=1, science=json.dumps(config.science))
     beats = SimpleNamespace(beat=lambda *_: None)
     place = SimpleNamespace(
-        config=config, folder=RunFolder(tmp_path), heart=beats, stopping=SimpleNamespace(asked=False)
+        config=config, folder=RunFolder(tmp_path), heartbeat=beats, stopping=SimpleNamespace(asked=False)
     )
     evaluator = Evaluator(place)
     tensors, metadata = checkpoint.load(path, "checkpoint")

@@ -2,10 +2,10 @@
 
 import os
 import subprocess
-import sys
 
 import numpy as np
 
+from common.interpreter import PYTHON
 from common.records import Episode
 
 STEPS, TRAINS = 40, 3
@@ -92,9 +92,7 @@ def printed_by_fresh_processes(program, offsets):
     """What a test file prints as a program, once for each misalignment of its arrays."""
     environment = os.environ | {"MKL_CBWR": "AUTO,STRICT", "OMP_NUM_THREADS": "1"}
     results = [
-        subprocess.run(
-            [sys.executable, program, str(offset)], env=environment, capture_output=True, text=True, check=False
-        )
+        subprocess.run([*PYTHON, program, str(offset)], env=environment, capture_output=True, text=True, check=False)
         for offset in offsets
     ]
     assert not any(result.returncode for result in results), results

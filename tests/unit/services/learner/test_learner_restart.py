@@ -60,9 +60,9 @@ class Cluster:
     def __init__(self, folder, config):
         self.wire = Wire()
         stopping = SimpleNamespace(asked=False)
-        heart = SimpleNamespace(beat=lambda *_arguments, **_options: None)
+        heartbeat = SimpleNamespace(beat=lambda *_arguments, **_options: None)
         self.learner = Learner(
-            SimpleNamespace(folder=folder, config=config, bus=self.wire, heart=heart, stopping=stopping)
+            SimpleNamespace(folder=folder, config=config, bus=self.wire, heartbeat=heartbeat, stopping=stopping)
         )
         self.learner._publish_weights()
         self.learner._open_doors()

@@ -111,7 +111,7 @@ def test_a_restored_replay_goes_on_with_the_same_bits(kind, capacity, steps, tur
         assert told[0] == told[-1]
     if restored:
         same((straight.state(), restored.state()))
-        assert straight.telling() == restored.telling()
+        assert straight.metrics() == restored.metrics()
 
 
 def test_a_sample_lies_in_torchs_memory_and_uses_it_again():
@@ -146,14 +146,14 @@ def test_priorities_by_hand():
     replay = make_replay(4, "prioritized", alpha=1.0)
     replay.add(numbered(0, 2))  # at 1, the largest so far
     replay.add(numbered(2, 1), np.array([6.0]))
-    assert replay.telling() == pytest.approx({"replay_fill": 0.75, "priority_mean": 8 / 3, "priority_max": 6})
+    assert replay.metrics() == pytest.approx({"replay_fill": 0.75, "priority_mean": 8 / 3, "priority_max": 6})
     sample = replay.sample(8, np.random.default_rng(1), beta=0.5)
     assert sample.places.tolist() == [0, 1, 2, 2, 2, 2, 2, 2]
     assert sample.weights.tolist() == pytest.approx([1, 1, *[6**-0.5] * 6])
     replay.reprioritise(np.array([2, 0]), np.array([1.0, 2.0]))
     replay.add(numbered(3, 2))  # at 6, the second of them in the place of the first item
     assert replay.state()["priorities"].tolist() == pytest.approx([6, 1, 1, 6])
-    assert make_replay(4).telling() == {"replay_fill": 0}
+    assert make_replay(4).metrics() == {"replay_fill": 0}
 
 
 def test_of_more_items_than_there_is_room_for_the_last_stay_with_their_priorities():

@@ -2,12 +2,12 @@
 
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import played
 
+from common.interpreter import PYTHON
 from common.rail.compiled.arrays import NOTHING, SINGLE, WAYS
 from common.rail.compiled.malfunctions import duration
 from common.rail.compiled.paths import count_bits, number_cells, ways_out
@@ -20,7 +20,7 @@ HERE = Path(__file__).parent
 
 def test_a_small_episode_is_the_same_without_compilation():
     process = subprocess.run(
-        [sys.executable, "-W", "error", str(HERE / "played.py")],
+        [*PYTHON, "-W", "error", str(HERE / "played.py")],
         env={**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(HERE.parents[4])},
         capture_output=True,
         text=True,

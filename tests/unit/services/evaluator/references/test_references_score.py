@@ -5,10 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from common.config import DIFFICULTIES, ConfigError
+from common.config import DIFFICULTIES
 from common.levels import files
 from common.levels.supply import LevelSupply
 from common.rail.compiled.world import CompiledWorld
+from common.strict import ConfigError
 from services.evaluator.references.__main__ import parsed, score
 from services.evaluator.references.policies import reference_policy
 from services.evaluator.runner import UnplayableLevelError, evaluate

@@ -1,0 +1,127 @@
+"""What all settings share: frozen models, one line for whatever is wrong with them, and hints at what is known."""
+
+import difflib
+from collections.abc import Mapping, Sequence
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class ConfigError(ValueError):
+    """Bad input from the user: the message names the field, the value and the remedy."""
+
+
+class Strict(BaseModel):
+    """A frozen section; an unknown key is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+
+def describe(error: ValidationError, model: type[BaseModel]) -> str:
+    """The first problem of a validation error of a model as one line: field, value, remedy."""
+    problem = error.errors()[0]
+    path, last = _followed(model, problem["loc"])
+    field = ".".join(path)
+    if problem["type"] == "extra_forbidden":
+        return f"unknown key {field}{nearest(path[-1], list(last.model_fields) if last else [])}"
+    if problem["type"] == "missing":
+        return f"{field} is missing: give it a value"
+    message = problem["msg"].removeprefix("Value error, ")
+    if problem["type"] == "value_error":
+        return f"{field}: {message}" if field else message
+    return f"{field}: {message[0].lower()}{message[1:]}, not {shortened(problem['input'])}"
+
+
+def shortened(value: Any, most: int = 80) -> str:
+    """A value as an error line shows it.
+
+    >>> shortened("a" * 9, most=8)
+    "'aaaa..."
+    """
+    text = repr(value)
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def _followed(model: type[BaseModel], location: tuple[int | str, ...]) -> tuple[list[str], type[BaseModel] | None]:
+    """A location as users write it, without the names that pydantic gives to choices; and the model that it ends in."""
+    path: list[str] = []
+    at: Any = model
+    last: type[BaseModel] | None = model
+    for part in location:
+        if part == "[key]":
+            continue
+        choices = [_plain(choice) for choice in _choices(at)]
+        models = [choice for choice in choices if isinstance(choice, type) and issubclass(choice, BaseModel)]
+        tagged = [choice for choice in _choices(at) if any(getattr(tag, "tag", None) == part for tag in _tags(choice))]
+        tagged = tagged or [choice for choice in models if part in _kinds(choice)]
+        if tagged:
+            at = last = _plain(tagged[0])
+        elif (owner := next((choice for choice in models if part in choice.model_fields), None)) is not None:
+            path.append(str(part))
+            at = owner.model_fields[str(part)].annotation
+            last = section_of(at)
+        elif (inner := _inside(choices, part)) is not None:
+            path.append(str(part))
+            at, last = inner, section_of(inner)
+        elif models or not path or not isinstance(part, str):
+            path.append(str(part))  # a key that nobody knows
+    return path, last
+
+
+def _inside(choices: Sequence[Any], part: int | str) -> Any:
+    """The type of what is in a mapping or, for a number, in a list; None if nothing is in it."""
+    for choice in choices:
+        if get_origin(choice) is dict or (get_origin(choice) in (list, tuple) and isinstance(part, int)):
+            return [kind for kind in get_args(choice) if kind is not Ellipsis][-1]
+    return None
+
+
+def _choices(annotation: Any) -> tuple[Any, ...]:
+    """The members of a union, or what else it is."""
+    plain = _plain(annotation)
+    return get_args(plain) if get_origin(plain) in (Union, UnionType) else (annotation,)
+
+
+def _plain(annotation: Any) -> Any:
+    return get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
+
+
+def _tags(annotation: Any) -> tuple[Any, ...]:
+    return get_args(annotation)[1:] if get_origin(annotation) is Annotated else ()
+
+
+def _kinds(model: type[BaseModel]) -> tuple[Any, ...]:
+    """By what a model is told from others, if it is one of several."""
+    field = model.model_fields.get("kind")
+    return () if field is None else get_args(field.annotation)
+
+
+def nearest(word: str, known: list[str]) -> str:
+    """A hint that ends an error line: the nearest known name, and the list."""
+    close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    hint = f": did you mean {close[0]}?" if close else ":"
+    return f"{hint} known are {', '.join(sorted(known))}"
+
+
+def section_of(annotation: Any) -> type[BaseModel] | None:
+    """The model of a field that is a section, which may be left out; None for other fields."""
+    for kind in _choices(annotation):
+        if isinstance(plain := _plain(kind), type) and issubclass(plain, BaseModel):
+            return plain
+    return None
+
+
+def flat(data: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested keys as dotted ones.
+
+    >>> flat({"a": {"b": 1}, "c": 2})
+    {'a.b': 1, 'c': 2}
+    """
+    result: dict[str, Any] = {}
+    for key, value in data.items():
+        result |= flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+    return result

@@ -1,0 +1,66 @@
+"""Both sides play the same episodes: same rewards, step by step, or no times."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from common.config import DIFFICULTIES, Difficulty
+from common.levels.legacy import generate
+from common.levels.level import Level
+from common.policy import bench_policy
+from common.policy.compiled import Twin
+from common.policy.networks import export_parameters
+from common.policy.player import MAX_TRAINS, Acting, network_layout, play
+from common.policy.rollout import Rollouts
+from common.rail.play import Recording
+from tools.bench.measuring import DisagreementError, measure
+from tools.bench.policy import NETWORK, TheirPlayer, comparison, comparisons, pathfinder, script_of
+
+EDGE = 30  # steps: enough for a start, and for a limit that is soon reached
+
+
+def short(level: Level) -> Level:
+    return replace(level, max_steps=EDGE)
+
+
+def played(level: Level, *, greedy: bool) -> Recording:
+    twin = Twin(network_layout(NETWORK))
+    twin.load(export_parameters(pathfinder()))
+    return play(Rollouts(MAX_TRAINS), level, Acting(twin, 0.5, 7, greedy))
+
+
+def test_the_network_follows_the_shortest_path():
+    level = generate("easy", 4)
+    alone = replace(level, starts=level.starts[:1], targets=level.targets[:1])
+    recording = played(alone, greedy=True)
+    root_distance = round((1 + float(recording.observations[0][6])) * 100)
+    assert recording.arrived_at.tolist() == [root_distance]  # the first step only departs
+
+
+@pytest.mark.parametrize("difficulty", DIFFICULTIES)
+def test_flatland_plays_our_episode_again(difficulty: Difficulty):
+    script = script_of(played(short(generate(difficulty, 2)), greedy=False))
+    assert sum(map(len, script.deciding)) == len(script.recording.actions)
+    assert min(TheirPlayer(pathfinder()).play(script)) > 0
+
+
+def test_another_episode_is_an_error():
+    script = script_of(played(short(generate("easy", 2)), greedy=False))
+    script.recording.rewards[-1] = np.zeros(3, np.float32)
+    with pytest.raises(DisagreementError, match="another way"):
+        TheirPlayer(pathfinder()).play(script)
+
+
+def test_rows_have_both_times(monkeypatch: pytest.MonkeyPatch):
+    rows = measure([comparison("tiny", [short(generate("easy", 1))], pathfinder())], repeats=1)
+    assert [(row.name, row.unit) for row in rows] == [
+        ("step with policy tiny", "us/step"),
+        ("episode with policy tiny", "ms/episode"),
+    ]
+    assert min(number for row in rows for number in (row.ours, row.theirs)) > 0
+
+
+def test_every_difficulty_is_measured(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(bench_policy.torch, "set_num_threads", lambda _: None)
+    assert [comparison.name for comparison in comparisons(worlds=1)] == [f"policy {name}" for name in DIFFICULTIES]

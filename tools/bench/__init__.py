@@ -1,0 +1,1 @@
+"""Benchmarks: ours beside others, the same work in one process."""

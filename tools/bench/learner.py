@@ -1,0 +1,170 @@
+"""How much faster updates are than plain torch: `python -m tools.bench.learner --json`.
+
+Both get the same batches, of observations as the study's levels give them, and start from the same network; all their
+losses must agree. Theirs is what a textbook writes: modules, autograd, `torch.optim.Adam` as it comes,
+one thread. Neither pays for drawing from the replay; ours pays for finding the zeros of its observations.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+
+from common.config import DqnConfig, NetworkConfig, PpoConfig, SilConfig
+from common.levels.legacy import generate
+from common.policy.actor_critic import build_actor_critic
+from common.policy.compiled import Twin
+from common.policy.networks import build_network, export_parameters
+from common.policy.packing import Kind, Layout
+from common.policy.player import Acting, play
+from common.policy.recurrent import build_recurrent_network
+from common.policy.rollout import Rollouts
+from common.rail.normalise import N_FEATURES
+from common.rail.world import N_ACTIONS
+from services.learner.algorithms.dqn import Dqn
+from services.learner.algorithms.ppo import Ppo
+from services.learner.algorithms.sil import Sil
+from services.learner.experience import Experience
+from services.learner.network.policies import PolicyNetwork
+from services.learner.network.sparse import SparseRows, sparse_rows
+from services.learner.plain_dqn import PlainDqn
+from services.learner.plain_policy import PlainPolicy
+from services.learner.training import Batch
+from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
+
+HIDDEN = (128, 128)
+LEVELS, EPSILON = 8, 0.5  # played for their observations
+SEQUENCE = 8
+TOLERANCE = 1e-3  # of losses; rounding alone once in a while switches a hidden unit on, which shows in the fifth digit
+
+
+Learn = Callable[[Any], float]  # makes an update from a batch; returns its loss
+
+
+class Case(NamedTuple):
+    """An update to measure: `sides` makes ours and theirs anew, `batch` draws what both learn from."""
+
+    name: str
+    sides: Callable[[], tuple[Learn, Learn]]
+    batch: Callable[["Seen", np.random.Generator], Any]
+
+
+class Seen:
+    """Observations of real episodes."""
+
+    def __init__(self) -> None:
+        twin, rollouts = Twin(Layout("plain", N_FEATURES, N_ACTIONS, HIDDEN)), Rollouts(7)
+        twin.load(export_parameters(build_network(NetworkConfig(hidden=HIDDEN), N_FEATURES, N_ACTIONS, 1)))
+        played = [play(rollouts, generate("easy", seed), Acting(twin, EPSILON, seed)) for seed in range(LEVELS)]
+        self._rows = np.array([row for recording in played for row in recording.observations])
+
+    def draw(self, rng: np.random.Generator, *shape: int) -> torch.Tensor:
+        """[*shape, F]."""
+        return torch.tensor(self._rows[rng.integers(len(self._rows), size=shape)])
+
+
+def value_case(name: str, kind: Kind, batch_size: int, target_tau: float | None = 0.01) -> Case:
+    """An update of a value method."""
+    dqn = DqnConfig(learning_rate=3e-4, batch_size=batch_size, learn_every_steps=30, target_tau=target_tau)
+    build = build_recurrent_network if kind == "recurrent" else build_network
+    rows = (SEQUENCE, batch_size) if kind == "recurrent" else (batch_size,)
+
+    def sides() -> tuple[Learn, Learn]:
+        network = build(NetworkConfig(kind=kind, hidden=HIDDEN), N_FEATURES, N_ACTIONS, seed=1)
+        ours, theirs = Dqn(dqn, network), PlainDqn(dqn, network)
+        return lambda batch: ours.update(batch).metrics["loss"], theirs.update
+
+    def batch(seen: Seen, rng: np.random.Generator) -> Batch:
+        return Batch(
+            observation_tm1=seen.draw(rng, *rows),
+            action_tm1=torch.tensor(rng.integers(N_ACTIONS, size=batch_size)),
+            reward_t=torch.tensor(-rng.integers(1, 20, batch_size).astype(np.float32)),
+            discount_t=torch.tensor((0.9 * (rng.random(batch_size) < 0.9)).astype(np.float32)),
+            observation_t=seen.draw(rng, *rows),
+            weights=torch.tensor(1 - rng.random(batch_size, np.float32) / 2),
+        )
+
+    return Case(f"{name} update, {' sequences of '.join(map(str, reversed(rows)))} transitions", sides, batch)
+
+
+def policy_case(name: str, batch_size: int, sil: SilConfig | None = None) -> Case:
+    """An update of `ppo` or, if there is `sil`, of self-imitation."""
+    ppo = PpoConfig(learning_rate=5e-4, epochs=1)
+
+    def sides() -> tuple[Learn, Learn]:
+        config = NetworkConfig(kind="actor-critic", hidden=HIDDEN)
+        network = build_actor_critic(config, N_FEATURES, N_ACTIONS, seed=1)
+        flat, plain = PolicyNetwork(network, ppo.learning_rate, ppo.max_gradient_norm), PlainPolicy(network, ppo)
+        if sil is not None:
+            ours = Sil(sil, flat)
+            return lambda batch: imitation_loss(ours.update(rows(batch), batch)[0], sil), lambda batch: plain.imitate(
+                batch, sil
+            )
+        return lambda batch: ppo_loss(Ppo(ppo, flat).update(rows(batch), batch), ppo), plain.update
+
+    def batch(seen: Seen, rng: np.random.Generator) -> Experience:
+        return Experience(
+            observation_tm1=seen.draw(rng, batch_size),
+            action_tm1=torch.tensor(rng.integers(N_ACTIONS, size=batch_size)),
+            return_t=torch.tensor(-rng.random(batch_size, np.float32)),
+            least_return_t=torch.tensor(-rng.random(batch_size, np.float32)),
+            log_probability_tm1=torch.tensor(-1 - rng.random(batch_size, np.float32)),
+            value_tm1=torch.tensor(-rng.random(batch_size, np.float32)),
+        )
+
+    return Case(f"{name} update, {batch_size} transitions", sides, batch)
+
+
+def rows(batch: Experience) -> SparseRows:
+    """A batch's observations."""
+    return sparse_rows(batch.observation_tm1)
+
+
+def ppo_loss(metrics: Mapping[str, float], ppo: PpoConfig) -> float:
+    """The loss that was descended on."""
+    value_part, bonus = ppo.value_weight * metrics["value_loss"], ppo.entropy_weight * metrics["entropy"]
+    return metrics["policy_loss"] + value_part - bonus
+
+
+def imitation_loss(metrics: Mapping[str, float], sil: SilConfig) -> float:
+    """The loss that was descended on."""
+    return metrics["sil_policy_loss"] + sil.value_weight * metrics["sil_value_loss"]
+
+
+CASES = (
+    value_case("dqn", "plain", 128, target_tau=None),
+    value_case("ddqn", "plain", 150),
+    value_case("dddqn", "dueling", 150),
+    value_case("drqn", "recurrent", 150),
+    policy_case("ppo", 1200),
+    policy_case("ppor", 300),
+    policy_case("sil", 300, SilConfig(epochs=1, batch_size=300)),
+)
+
+
+def comparison(case: Case, seen: Seen, updates: int) -> Comparison:
+    """The work of a case: so many updates from the same start, by each side."""
+
+    def once(repeat: int) -> Sequence[Sample]:
+        rng = np.random.default_rng(repeat)
+        batches = [case.batch(seen, rng) for _ in range(updates)]
+        learn_ours, learn_theirs = case.sides()
+        our_s, ours = timed(lambda: [learn_ours(batch) for batch in batches])
+        their_s, theirs = timed(lambda: [learn_theirs(batch) for batch in batches])
+        if not np.allclose(ours, theirs, rtol=TOLERANCE):
+            raise DisagreementError(f"{case.name}, repeat {repeat}: losses are {ours} and {theirs}")
+        return [Sample(case.name, "us/update", our_s / updates * 1e6, their_s / updates * 1e6)]
+
+    return Comparison(case.name, once)
+
+
+def comparisons(updates: int) -> list[Comparison]:
+    """All of them."""
+    torch.set_num_threads(1)
+    seen = Seen()
+    return [comparison(case, seen, updates) for case in CASES]
+
+
+if __name__ == "__main__":
+    run("Compare updates with plain torch.", comparisons, updates=50)

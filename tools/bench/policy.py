@@ -1,0 +1,205 @@
+"""How much faster whole episodes are than in a plain loop over flatland-rl 4.3.0 and torch: `railctl bench policy`.
+
+Both play the same episodes of the study, from their levels to their ends: the same network chooses, now and then at
+random. Ours is what actors run, `Rollouts.play`. Theirs is what a user of the library writes: a `RailEnv` with the
+study's rewards and start, the library's own trees of depth 2, flattened and normalised with numpy, one forward pass of
+torch a step for the trains that decide, one thread, an epsilon-greedy action for each, a step.
+
+Their trees are those of 4.3.0, so they would choose otherwise now and then. Hence ours plays first; theirs does all
+the work of choosing, and then steps with what ours did. In the end all rewards, step by step, must be the same.
+
+The network's weights are random, but for a few that make it follow the shortest paths, as a trained one learns first:
+episodes are as long, and trains as jammed, as in training.
+
+"step" counts a step of one world: of theirs the loop alone, of ours the loading of the level and the recording of the
+episode, too. "episode" counts theirs from `reset`, for which the level is given: with its distances and first trees.
+Theirs pays neither for the level, nor for the rules of 2.2.2 (what to say to 4.3.0 so that it does what 2.2.2 did is
+found beforehand), nor for finding out who decides, nor for a predictor, which changes no tree in 4.3.0. It does pay for
+the trees of all trains in every step, as the library gives them; ours looks only where a train decides.
+"""
+
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import torch
+from flatland.envs.observations import TreeObsForRailEnv
+from flatland.envs.rail_env_action import RailEnvActions
+from numpy.typing import NDArray
+
+from common.config import DIFFICULTIES, NetworkConfig
+from common.levels.legacy import forget_rails, generate
+from common.levels.level import Level
+from common.policy.compiled import Twin
+from common.policy.networks import QNetwork, build_network, export_parameters, import_parameters
+from common.policy.player import MAX_TRAINS, Acting, network_layout, play
+from common.policy.rollout import Rollouts
+from common.rail.flatland_env import LegacyActions, LevelEnv, StudyRewards
+from common.rail.normalise import N_FEATURES, N_NODE_FEATURES, N_NODES, normalise
+from common.rail.plain_env import StartReady, plain_environment
+from common.rail.play import Recording
+from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, N_ACTIONS
+from common.seeding import stream_key
+from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
+
+DEPTH = 2
+EPSILON = 0.1
+PASSES = 10  # ours plays all of its episodes so often, or it would be over before it can be timed
+NETWORK = NetworkConfig(kind="dueling")
+NODE_OF = {MOVE_LEFT: 1, MOVE_FORWARD: 6, MOVE_RIGHT: 11}  # what lies that way, in the order of `normalise`
+DETOUR = 6  # the feature
+CERTAIN = 100.0  # far more than the random weights say
+
+_Orders = dict[int, RailEnvActions]
+
+
+def pathfinder() -> QNetwork:
+    """A network that takes the way with the least detour."""
+    network = build_network(NETWORK, N_FEATURES, N_ACTIONS, seed=0)
+    parameters = export_parameters(network)
+    for unit, (action, node) in enumerate(NODE_OF.items()):
+        for layer in ("hidden.0", "hidden.1"):
+            parameters[f"{layer}.weight"][unit] = parameters[f"{layer}.bias"][unit] = 0
+        parameters["hidden.0.weight"][unit, node * N_NODE_FEATURES + DETOUR] = -1  # of [-1, 0]; 0: no way
+        parameters["hidden.1.weight"][unit, unit] = 1
+        parameters["advantage.weight"][:, unit] = 0
+        parameters["advantage.weight"][action, unit] = CERTAIN
+    import_parameters(network, parameters)
+    return network
+
+
+@dataclass
+class Script:
+    """An episode of ours, for theirs to play.
+
+    Attributes:
+        recording: what happened.
+        deciding: the trains that decide, a list a step.
+        orders: what 4.3.0 is told to do, a step.
+    """
+
+    recording: Recording
+    deciding: list[list[int]]
+    orders: list[_Orders]
+
+
+def script_of(recording: Recording) -> Script:
+    """What 4.3.0 must be told to play an episode again."""
+    deciding: list[list[int]] = [[] for _ in range(recording.last_step)]
+    actions = np.full((recording.last_step, recording.level.n_trains), MOVE_FORWARD)
+    for step, train, action in zip(recording.times, recording.trains, recording.actions, strict=True):
+        deciding[step].append(int(train))
+        actions[step, train] = action
+    driver = LegacyActions(LevelEnv(recording.level))
+    return Script(recording, deciding, [driver.step(chosen) for chosen in actions.tolist()])
+
+
+class TheirPlayer:
+    """A plain loop over the library and torch."""
+
+    def __init__(self, network: QNetwork) -> None:
+        self._network = network
+        self._random = random.Random(0)
+
+    def play(self, script: Script) -> tuple[float, float]:
+        """Seconds of the reset, and of all steps.
+
+        Raises:
+            DisagreementError: some reward is another than in the script.
+        """
+        env: Any = plain_environment(
+            script.recording.level,
+            TreeObsForRailEnv(DEPTH),
+            rewards=StudyRewards(),
+            effects_generator=StartReady(),
+            acceleration_delta=Fraction(1),  # the default, a float, is converted in every step
+            braking_delta=Fraction(-1),
+            random_seed=0,
+        )
+        resetting, (seen, _) = timed(env.reset)
+        playing, rewards = timed(lambda: self._loop(env, seen, script))
+        forget_rails()
+        if not env.dones["__all__"] or not _same(rewards, script.recording.rewards):
+            raise DisagreementError("an episode went another way in flatland-rl")
+        return resetting, playing
+
+    def _loop(self, env: Any, seen: dict[int, Any], script: Script) -> list[dict[int, float]]:
+        """Returns the rewards."""
+        rewards = []
+        for deciding, orders in zip(script.deciding, script.orders, strict=True):
+            if deciding:
+                self._choose([seen[train] for train in deciding])
+            seen, gained, _, _ = env.step(orders)
+            rewards.append(gained)
+        return rewards
+
+    def _choose(self, trees: Sequence[Any]) -> list[int]:
+        observations = np.stack([normalise(flattened(tree)) for tree in trees])
+        with torch.no_grad():
+            best = self._network(torch.from_numpy(observations)).argmax(dim=1).tolist()
+        return [self._random.randrange(N_ACTIONS) if self._random.random() < EPSILON else action for action in best]
+
+
+def flattened(tree: Any) -> NDArray[np.float64]:
+    """[21, 12]: the features of a tree of the library, NaN where there is no node."""
+    nodes = np.full((N_NODES, N_NODE_FEATURES), np.nan)
+    _flatten(tree, nodes, 0, N_NODES)
+    return nodes
+
+
+def _flatten(node: Any, nodes: NDArray[np.float64], at: int, size: int) -> None:
+    nodes[at] = node[:N_NODE_FEATURES]
+    below = (size - 1) // 4
+    for turn, child in enumerate(node.childs.values()):
+        if isinstance(child, tuple):  # else there is no way
+            _flatten(child, nodes, at + 1 + turn * below, below)
+
+
+def _same(theirs: Sequence[dict[int, float]], ours: NDArray[np.float32]) -> bool:
+    return len(theirs) == len(ours) and all(
+        list(there.values()) == here.tolist() for there, here in zip(theirs, ours, strict=True)
+    )
+
+
+def comparison(name: str, levels: Sequence[Level], network: QNetwork) -> Comparison:
+    """Play an episode of each level; every repeat explores in another way."""
+    rollouts, they = Rollouts(MAX_TRAINS), TheirPlayer(network)
+    twin = Twin(network_layout(NETWORK))
+    twin.load(export_parameters(network))
+
+    def play_all(keys: Sequence[int]) -> list[Recording]:
+        for _ in range(PASSES):
+            recordings = [
+                play(rollouts, *one) for one in zip(levels, (Acting(twin, EPSILON, key) for key in keys), strict=True)
+            ]
+        return recordings
+
+    def once(repeat: int) -> list[Sample]:
+        keys = [stream_key(repeat, number, "explore") for number in range(len(levels))]
+        seconds, recordings = timed(lambda: play_all(keys))
+        ours = seconds / PASSES
+        resetting, playing = np.sum([they.play(script_of(recording)) for recording in recordings], axis=0).tolist()
+        per_step = 1e6 / sum(recording.last_step for recording in recordings)
+        per_episode = 1e3 / len(levels)
+        return [
+            Sample(f"step with policy {name}", "us/step", ours * per_step, playing * per_step),
+            Sample(
+                f"episode with policy {name}", "ms/episode", ours * per_episode, (resetting + playing) * per_episode
+            ),
+        ]
+
+    return Comparison(f"policy {name}", once)
+
+
+def comparisons(worlds: int) -> list[Comparison]:
+    """All that is measured: episodes on so many levels of each difficulty."""
+    torch.set_num_threads(1)
+    network = pathfinder()
+    return [comparison(name, [generate(name, seed) for seed in range(worlds)], network) for name in DIFFICULTIES]
+
+
+if __name__ == "__main__":
+    run("Compare whole episodes with a policy with flatland-rl and torch.", comparisons, worlds=8)

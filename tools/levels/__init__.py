@@ -1,0 +1,1 @@
+"""Levels built, checked, drawn, exchanged: `python -m tools.levels.tasks`."""

@@ -1,0 +1,184 @@
+"""A level as a picture: rails as flatland's transition maps say, trains where they start, and where they go.
+
+Every way through a cell is a line from one edge to another: a train with a heading comes in over the opposite edge.
+A way back to the edge it came in over is a dead end, with a buffer stop in the middle of the cell.
+"""
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib import patheffects
+from matplotlib import pyplot as plt
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon, Rectangle
+from numpy.typing import NDArray
+
+from common.levels.level import Level
+from common.rail.decisions import STEPS, exits
+from tools.levels.routes import Place, shortest_route
+
+# Okabe & Ito's colours, told apart by everybody, then darker relatives for many trains.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5195", "#8C564B", "#4D4D4D", "#999933")
+GROUND, GRID_LINE, BED, STEEL = "#F7F5F0", "#E6E2D8", "#C9C2B4", "#3C3A36"
+HEADINGS = "NESW"
+CELL_INCHES, MOST_INCHES = 0.34, 24.0  # of a cell, and of all
+CURVE_POINTS = 9
+HALO = [patheffects.withStroke(linewidth=2.2, foreground="white")]
+
+
+def draw(level: Level, path: Path, title: str) -> Path:
+    """Draw a level into a .png file; returns its path."""
+    mpl.use("Agg")
+    height, width = level.grid.shape
+    inches = min(CELL_INCHES, MOST_INCHES / max(height, width))
+    figure, axes = plt.subplots(figsize=(width * inches + 2.6, height * inches + 0.9), layout="constrained")
+    axes.set(xlim=(0, width), ylim=(height, 0), aspect="equal", facecolor=GROUND)
+    axes.set_title(title, fontsize=11, loc="left")
+    _ticks(axes, height, width)
+    _rails(axes, level.grid)
+    handles = [_train(axes, level, train) for train in range(level.n_trains)]
+    axes.legend(
+        handles=handles,
+        title=f"{level.n_trains} trains, {level.max_steps} steps\ntrain: start to target",
+        loc="upper left",
+        bbox_to_anchor=(1.01, 1),
+        frameon=False,
+        alignment="left",
+        fontsize=9,
+    )
+    figure.savefig(path, dpi=130, bbox_inches="tight")
+    plt.close(figure)
+    return path
+
+
+def _ticks(axes: Any, height: int, width: int) -> None:
+    """Numbers in the middle of cells, lines between them."""
+    every = 5 if max(height, width) > 12 else 1
+    axes.set_xticks(np.arange(0, width, every) + 0.5, [str(column) for column in range(0, width, every)])
+    axes.set_yticks(np.arange(0, height, every) + 0.5, [str(row) for row in range(0, height, every)])
+    axes.set_xticks(np.arange(width + 1), minor=True)
+    axes.set_yticks(np.arange(height + 1), minor=True)
+    axes.grid(which="minor", color=GRID_LINE, linewidth=0.6)
+    axes.tick_params(which="both", length=0, labelsize=8, labeltop=True, labelbottom=False)
+    axes.set_axisbelow(True)
+    for spine in axes.spines.values():
+        spine.set_color(GRID_LINE)
+
+
+def _rails(axes: Any, grid: NDArray[np.uint16]) -> None:
+    ways = exits(grid)
+    lines, stops = [], []
+    for row, column, heading, towards in np.argwhere(ways).tolist():
+        if towards == (heading + 2) % 4:
+            lines.append(np.array([_edge(row, column, towards), (column + 0.5, row + 0.5)]))
+            stops.append(_buffer(row, column, heading))
+        else:
+            lines.append(_way(row, column, heading, towards))
+    for colour, thickness in ((BED, 6.0), (STEEL, 1.5)):
+        for line in lines:
+            axes.plot(*line.T, color=colour, linewidth=thickness, solid_capstyle="butt", zorder=2)
+    for stop in stops:
+        axes.plot(*stop.T, color=STEEL, linewidth=3.0, solid_capstyle="butt", zorder=3)
+
+
+def _edge(row: int, column: int, side: int) -> tuple[float, float]:
+    """The middle of a cell's edge, as x and y."""
+    return column + 0.5 + 0.5 * STEPS[side][1], row + 0.5 + 0.5 * STEPS[side][0]
+
+
+def _way(row: int, column: int, heading: int, towards: int) -> NDArray[np.float64]:
+    """[P, 2]: from the edge that a train comes in over to the one it leaves over, bent around the cell's middle."""
+    begin, end = np.array(_edge(row, column, (heading + 2) % 4)), np.array(_edge(row, column, towards))
+    if heading == towards:
+        return np.array([begin, end])
+    middle = np.array([column + 0.5, row + 0.5])
+    t = np.linspace(0, 1, CURVE_POINTS)[:, None]
+    curve: NDArray[np.float64] = (1 - t) ** 2 * begin + 2 * t * (1 - t) * middle + t**2 * end
+    return curve
+
+
+def _buffer(row: int, column: int, heading: int) -> NDArray[np.float64]:
+    """[2, 2]: a bar across the end of the rails."""
+    across = 0.28 * np.array([STEPS[heading][0], STEPS[heading][1]])
+    middle = np.array([column + 0.5, row + 0.5])
+    return np.array([middle - across, middle + across])
+
+
+def _train(axes: Any, level: Level, train: int) -> Line2D:
+    """Draw a train's shortest way, start and target; returns its line of the legend."""
+    colour = COLOURS[train % len(COLOURS)]
+    row, column, heading = level.starts[train].tolist()
+    target_row, target_column = level.targets[train].tolist()
+    route = shortest_route(level, train)
+    if route is not None:
+        shift = 0.44 * ((train + 0.5) / level.n_trains - 0.5)  # beside each other where they share rails
+        axes.plot(*(_track(route) + shift).T, color=colour, linewidth=1.6, alpha=0.6, zorder=4)
+    _arrow(axes, level, train, colour)
+    _goal(axes, level, train, colour)
+    _number(axes, (row - 0.62, column), train, colour, level.starts[:, :2].tolist())
+    _number(axes, (target_row + 0.64, target_column), train, colour, level.targets.tolist())
+    distance = "no way" if route is None else f"{len(route) - 1} cells"
+    text = f"{train}: ({row}, {column}) {HEADINGS[heading]} to ({target_row}, {target_column}), {distance}"
+    return Line2D([], [], color=colour, marker="s", linestyle="-", markersize=7, label=text)
+
+
+def _track(route: list[Place]) -> NDArray[np.float64]:
+    """[P, 2]: the rails of a route, from the middle of its first cell to the middle of its last."""
+    (row, column, _), (last_row, last_column, _) = route[0], route[-1]
+    parts = [np.array([[column + 0.5, row + 0.5]])]
+    for (row, column, heading), (_, _, towards) in pairwise(route):
+        way = _way(row, column, heading, towards)
+        parts.append(way[-1:] if len(parts) == 1 else way)
+    parts.append(np.array([[last_column + 0.5, last_row + 0.5]]))
+    return np.concatenate(parts)
+
+
+def _place_among(cells: list[list[int]], train: int) -> tuple[int, int]:
+    """Which of how many trains it is on its cell."""
+    same = [other for other, cell in enumerate(cells) if cell == cells[train]]
+    return same.index(train), len(same)
+
+
+def _arrow(axes: Any, level: Level, train: int, colour: str) -> None:
+    """An arrowhead with the train's heading; trains that stand alike share one, in the colour of the first."""
+    starts = level.starts.tolist()
+    if starts[train] in starts[:train]:
+        return
+    row, column, heading = starts[train]
+    alone = all(start[:2] != [row, column] or start[2] == heading for start in starts)
+    size, ahead = (0.46, 0.0) if alone else (0.3, 0.26)
+    forwards = np.array([STEPS[heading][1], STEPS[heading][0]])
+    sideways = np.array([-forwards[1], forwards[0]])
+    middle = np.array([column + 0.5, row + 0.5]) + ahead * forwards
+    corners = [middle + size * (forwards * f + sideways * s) for f, s in ((1, 0), (-0.8, 0.8), (-0.4, 0), (-0.8, -0.8))]
+    axes.add_patch(Polygon(corners, facecolor=colour, edgecolor="white", linewidth=1.0, zorder=6))
+
+
+def _goal(axes: Any, level: Level, train: int, colour: str) -> None:
+    """A square frame; those of several trains lie inside each other."""
+    row, column = level.targets[train].tolist()
+    at, of = _place_among(level.targets.tolist(), train)
+    inset = 0.04 + at * min(0.12, 0.4 / of)
+    side = 1 - 2 * inset
+    corner = (column + inset, row + inset)
+    axes.add_patch(Rectangle(corner, side, side, facecolor="none", edgecolor=colour, linewidth=2.0, zorder=5))
+
+
+def _number(axes: Any, where: tuple[float, float], train: int, colour: str, cells: list[list[int]]) -> None:
+    """A train's number at (row, column), beside those of trains on the same cell."""
+    at, of = _place_among(cells, train)
+    axes.text(
+        where[1] + 0.5 + 0.45 * (at - (of - 1) / 2),
+        where[0] + 0.5,
+        str(train),
+        color=colour,
+        fontsize=8,
+        fontweight="bold",
+        ha="center",
+        va="center",
+        zorder=8,
+        path_effects=HALO,
+    )

@@ -1,0 +1,1 @@
+"""Episodes recorded elsewhere, replayed on the compiled world."""
