@@ -20,7 +20,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 import yaml
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from common.config import Difficulty
+from common.levels.distributions import LevelName
 from common.strict import ConfigError, Strict, describe
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]{0,39}$")]
@@ -69,7 +69,7 @@ class Study(Strict):
 
     name: Name
     contenders: tuple[Contender, ...] = Field(min_length=1)
-    levels: tuple[Difficulty, ...] = Field(min_length=1)
+    levels: tuple[LevelName, ...] = Field(min_length=1)
     seeds: tuple[Seed, ...] = Field(min_length=1)
     episodes: int = Field(ge=1, le=10_000_000)
     settings: dict[str, Any] = Field(default_factory=dict)  # of all runs, keys of a run file
@@ -122,7 +122,7 @@ class PlannedRun(NamedTuple):
     """One run of a study."""
 
     contender: str
-    level: Difficulty
+    level: str
     seed: int
 
     @property

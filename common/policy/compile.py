@@ -5,13 +5,13 @@ The machine code is kept beside the sources, or in the user's cache where those 
 
 import numpy as np
 
-from common.config import NetworkConfig
 from common.levels.supply import LevelSupply
 from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters
 from common.policy.player import MAX_TRAINS, Acting, network_layout, play
 from common.policy.rollout import Rollouts
 from common.rail.compiled.world import CompiledWorld
+from common.rules.settings import NetworkConfig
 
 
 def main() -> None:

@@ -6,13 +6,13 @@ from typing import Literal, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.config import NetworkConfig
 from common.levels.level import Level
 from common.policy.compiled import Twin
 from common.policy.packing import Layout
 from common.rail.normalise import N_FEATURES
 from common.rail.play import Recording, Stage
 from common.rail.world import N_ACTIONS
+from common.rules.settings import NetworkConfig
 
 MAX_TRAINS = 7  # of the hardest difficulty
 NO_ACTIONS = np.zeros(0, np.int8)

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from analysis.study import PlannedRun, Study
-from common.config import Difficulty, RunConfig
+from common.config import RunConfig
 from common.levels.bank import LevelBank
 from common.levels.chunks import BankError
 from common.seeding import evaluation_level_seed, training_level_seed
@@ -13,7 +13,7 @@ from deploy.runs import Failed
 from deploy.task import run_task
 
 
-def missing_levels(study: Study, configs: Mapping[PlannedRun, RunConfig], bank: Path) -> dict[Difficulty, int]:
+def missing_levels(study: Study, configs: Mapping[PlannedRun, RunConfig], bank: Path) -> dict[str, int]:
     """How many levels have to be generated; not counted are the few that stand in for those kept from training.
 
     Raises:

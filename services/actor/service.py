@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.bus import NoAnswer
-from common.config import Serves
 from common.levels.bank import bank_root
 from common.levels.supply import LevelSupply
 from common.policy.compiled import Twin
@@ -56,7 +55,7 @@ class Shelf:
 class Actor:
     """One actor. Everything an episode depends on comes with its lease."""
 
-    def __init__(self, context: ServiceContext, serves: Serves) -> None:
+    def __init__(self, context: ServiceContext, serves: str) -> None:
         self._context = context
         self._serves = serves
         self._kept: dict[tuple[int, int], Episode] = {}  # by episode and fragment

@@ -8,7 +8,6 @@ from functools import partial
 from common import checkpoint
 from common.bus import NoAnswer, Question
 from common.checkpoint import CheckpointError
-from common.config import Difficulty
 from common.levels.bank import bank_root
 from common.levels.supply import LevelSupply
 from common.policy.compiled import Twin
@@ -104,7 +103,7 @@ class Evaluator:
                 self._context.bus.publish(keys.EVALUATION_ROWS, row)
                 log.info("checkpoint %d on %s: %.4f", episode, level, row.normalised_return)
 
-    def _score(self, episode: int, level: Difficulty, weights_digest: str) -> EvaluationRow:
+    def _score(self, episode: int, level: str, weights_digest: str) -> EvaluationRow:
         begin = time.perf_counter()
         levels = self._config.evaluation.levels
         score = evaluate(self._policy, map(partial(self._levels.evaluation, level), range(levels)))

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from common.config import ReplayConfig
+from common.rules.replay import ReplayConfig
 from common.seeding import stream_key
 from services.learner.replay.replay import Replay
 

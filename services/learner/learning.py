@@ -6,45 +6,44 @@ An update rule is a module of `services.learner.algorithms` with a function `bui
 import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, cast
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from common.config import DqnConfig, NetworkConfig, PpoConfig, ReplayConfig, RunConfig, SilConfig
-from common.rail.normalise import N_FEATURES
+from common.config import RunConfig
 from common.rail.world import N_ACTIONS
 from common.records import Episode
+from common.rules.settings import RuleSettings
+
+S_co = TypeVar("S_co", bound=RuleSettings, covariant=True)
 
 
 @dataclass(frozen=True)
-class Learning:
-    """What a learning curve depends on besides the episodes; sections as in `RunConfig`."""
+class Learning(Generic[S_co]):
+    """What a learning curve depends on besides the episodes.
+
+    Attributes:
+        seed: of the run.
+        episodes: of the run.
+        settings: of its rule.
+        n_features: F, what trains see.
+        n_actions: A.
+        least_reward: what a train gets in a step that gets the least for ever.
+    """
 
     seed: int
     episodes: int
-    discount: float
-    network: NetworkConfig
-    dqn: DqnConfig | None = None
-    ppo: PpoConfig | None = None
-    sil: SilConfig | None = None
-    replay: ReplayConfig | None = None
-    n_features: int = N_FEATURES
+    settings: S_co
+    n_features: int
     n_actions: int = N_ACTIONS
+    least_reward: float = -1.0
 
-    @classmethod
-    def of(cls, config: RunConfig) -> "Learning":
-        """The part of a run's configuration that learning sees."""
-        return cls(
-            seed=config.seed,
-            episodes=config.episodes,
-            discount=config.discount,
-            network=config.network,
-            dqn=config.dqn,
-            ppo=config.ppo,
-            sil=config.sil,
-            replay=config.replay,
-        )
+
+def learning_of(config: RunConfig) -> Learning[RuleSettings]:
+    """The part of a run's configuration that learning sees."""
+    world = config.world
+    return Learning(config.seed, config.episodes, config.learning, world.n_features, least_reward=world.reward.floor)
 
 
 class Trainer(Protocol):
@@ -92,10 +91,6 @@ def means(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
     return {name: float(np.mean([row[name] for row in rows if name in row])) for name in names}
 
 
-def build_trainer(rule: str, learning: Learning) -> Trainer:
-    """The trainer of an update rule.
-
-    Raises:
-        ValueError: the rule lacks a section of the configuration that it needs.
-    """
+def build_trainer(rule: str, learning: Learning[RuleSettings]) -> Trainer:
+    """The trainer of an update rule, for settings of this rule."""
     return cast("Trainer", importlib.import_module(f"services.learner.algorithms.{rule}").build(learning))

@@ -7,7 +7,6 @@ before. Training is strictly in order. Leases belong to living actors only; what
 
 from collections.abc import Iterable, Sequence
 
-from common.config import Difficulty
 from common.records import Episode
 
 Unit = tuple[int, int]  # episode, fragment
@@ -17,7 +16,7 @@ class Ledger:
     """The account of the episodes 0..N-1 of a run."""
 
     def __init__(
-        self, difficulties: Sequence[Difficulty], lag: int, trained: int = 0, fragment: int = 0, version: int = 0
+        self, difficulties: Sequence[str], lag: int, trained: int = 0, fragment: int = 0, version: int = 0
     ) -> None:
         self.difficulties = difficulties
         self._lag = lag
@@ -48,9 +47,9 @@ class Ledger:
         """The version of the weights that an episode, or the open episode's next fragment, acts with."""
         return self.version - self.trained + max(0, episode - self._lag)
 
-    def waiting(self) -> dict[Difficulty, int]:
+    def waiting(self) -> dict[str, int]:
         """How many episodes of each difficulty could be acted now but are not."""
-        counts: dict[Difficulty, int] = {}
+        counts: dict[str, int] = {}
         for episode, _ in self._free():
             difficulty = self.difficulties[episode]
             counts[difficulty] = counts.get(difficulty, 0) + 1

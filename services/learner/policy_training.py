@@ -10,15 +10,15 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from common.config import PpoConfig
 from common.policy.actor_critic import build_actor_critic
 from common.records import Episode
+from common.rules.policies import PolicySettings
 from services.learner.experience import Experience
 from services.learner.learning import Learning, by_part, means
 from services.learner.network.policies import PolicyNetwork
 from services.learner.network.sparse import sparse_rows
 from services.learner.replay.transitions import check_order
-from services.learner.returns import LEAST, decision_returns
+from services.learner.returns import decision_returns
 
 
 class PolicyRule(Protocol):
@@ -37,19 +37,19 @@ class PolicyRule(Protocol):
         """Take on a `state`; ValueError names the tensor that does not fit."""
 
 
-def build_network(learning: Learning, ppo: PpoConfig) -> PolicyNetwork:
+def build_network(learning: Learning[PolicySettings]) -> PolicyNetwork:
     """The network of a run as its seed makes it."""
-    network = build_actor_critic(learning.network, learning.n_features, learning.n_actions, learning.seed)
+    ppo = learning.settings.ppo
+    network = build_actor_critic(learning.settings.network, learning.n_features, learning.n_actions, learning.seed)
     return PolicyNetwork(network, ppo.learning_rate, ppo.max_gradient_norm)
 
 
 class PolicyTrainer:
     """A `services.learner.learning.Trainer` around a rule and the network that the rule trains."""
 
-    def __init__(self, learning: Learning, network: PolicyNetwork, rule: PolicyRule) -> None:
-        if learning.discount >= 1:
-            raise ValueError(f"discount {learning.discount}: returns are scaled by 1 - discount, make it less than 1")
-        self._discount = learning.discount
+    def __init__(self, learning: Learning[PolicySettings], network: PolicyNetwork, rule: PolicyRule) -> None:
+        self._discount = learning.settings.discount
+        self._least_reward = learning.least_reward
         self._network = network
         self._rule = rule
 
@@ -108,13 +108,15 @@ class PolicyTrainer:
         self._rule.restore(parts["rule"])
 
     def _experience(self, episode: Episode) -> Experience:
-        final = episode.final_observations
+        final, discount = episode.final_observations, self._discount
         values = self._network.values(sparse_rows(torch.tensor(final))).numpy()
         return Experience(
             observation_tm1=torch.tensor(episode.observations),
             action_tm1=torch.tensor(episode.actions, dtype=torch.int64),
-            return_t=torch.tensor(decision_returns(episode, values, self._discount)),
-            least_return_t=torch.tensor(decision_returns(episode, np.full_like(values, LEAST), self._discount)),
+            return_t=torch.tensor(decision_returns(episode, values, discount)),
+            least_return_t=torch.tensor(
+                decision_returns(episode, np.full_like(values, self._least_reward), self._discount)
+            ),
             log_probability_tm1=torch.tensor(episode.log_probabilities),
             value_tm1=torch.tensor(episode.values),
         )

@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 from common.kernel import bare_kernel
 from common.records import Episode
 
-LEAST = -1.0  # scaled: what a train is worth that pays 1 a step for ever
-
 
 def decision_returns(episode: Episode, final_values: NDArray[np.float32], discount: float) -> NDArray[np.float32]:
     """What the trains get from each decision of an episode on.

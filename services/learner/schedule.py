@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-from common.config import Difficulty, RunConfig
+from common.config import RunConfig
 from common.seeding import stream_key, uniform
 
 
-def difficulties(config: RunConfig) -> Sequence[Difficulty]:
+def difficulties(config: RunConfig) -> Sequence[str]:
     """The difficulty of each of the run's episodes."""
     if len(config.mix) == 1:
         return [next(iter(config.mix))] * config.episodes
@@ -14,7 +14,7 @@ def difficulties(config: RunConfig) -> Sequence[Difficulty]:
     return [_pick(config.mix, uniform(key, episode)) for episode in range(config.episodes)]
 
 
-def _pick(mix: dict[Difficulty, float], draw: float) -> Difficulty:
+def _pick(mix: dict[str, float], draw: float) -> str:
     for difficulty in sorted(mix):
         draw -= mix[difficulty]
         if draw < 0:

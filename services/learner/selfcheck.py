@@ -9,9 +9,11 @@ import os
 
 import numpy as np
 
-from common.config import DqnConfig, NetworkConfig, ReplayConfig
 from common.policy.determinism import deterministic_torch
 from common.records import Episode
+from common.rules.dqn import QNetworkConfig, Settings
+from common.rules.replay import PrioritizedReplay
+from common.rules.values import DqnConfig
 from services.learner.learning import Learning, build_trainer
 
 N_FEATURES, N_ACTIONS, TRAINS, STEPS, EPISODES = 252, 5, 3, 60, 6
@@ -53,16 +55,12 @@ def made_up_episode(number: int) -> Episode:
 
 def main() -> None:
     deterministic_torch()
-    learning = Learning(
-        seed=1,
-        episodes=EPISODES,
-        discount=0.99,
-        network=NetworkConfig(kind="dueling"),
+    settings = Settings(
+        network=QNetworkConfig(kind="dueling"),
         dqn=DqnConfig(learning_rate=3e-4, batch_size=150, learn_every_steps=5, target_tau=0.01),
-        replay=ReplayConfig(kind="prioritized", capacity=1000),
-        n_features=N_FEATURES,
-        n_actions=N_ACTIONS,
+        replay=PrioritizedReplay(capacity=1000),
     )
+    learning = Learning(1, EPISODES, settings, N_FEATURES, N_ACTIONS)
     trainer = build_trainer("dqn", learning)
     for number in range(EPISODES):
         trainer.train(made_up_episode(number))

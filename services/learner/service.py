@@ -13,7 +13,7 @@ import numpy as np
 
 from common.bus import Question
 from common.checkpoint import Tensors
-from common.config import Difficulty, RunConfig
+from common.config import RunConfig
 from common.process import Fatal, ServiceContext
 from common.rail.normalise import N_FEATURES
 from common.records import (
@@ -37,7 +37,7 @@ from common.seeding import training_level_seed
 from common.wire import keys
 from common.wire.keys import Alive
 from services.learner.archive import KEPT_SNAPSHOTS, Archive
-from services.learner.learning import Learning, build_trainer
+from services.learner.learning import build_trainer, learning_of
 from services.learner.ledger import Ledger, Unit
 from services.learner.memory import Memory, take_memory
 from services.learner.opened import OpenEpisode
@@ -68,7 +68,7 @@ class Learner:
         self._config: RunConfig = context.config
         self._archive = Archive(context.folder, context.config)
         try:
-            self._trainer = build_trainer(self._config.rule, Learning.of(self._config))
+            self._trainer = build_trainer(self._config.rule, learning_of(self._config))
         except ValueError as error:
             raise Fatal(str(error)) from None
         self._settled = self._trainer.weights()
@@ -301,7 +301,7 @@ class Learner:
     def _lease(self, unit: Unit) -> Lease:
         episode, fragment = unit
         opened = self._open if fragment > 0 and episode == self._ledger.trained else OpenEpisode()
-        every = self._config.fragment_steps  # cut where the run's steps are its multiples: there updates fall due
+        every = self._config.learning.steps_a_fragment
         return Lease(
             episode=episode,
             level=self._difficulty(episode),
@@ -321,10 +321,10 @@ class Learner:
         )
 
     def _epsilon(self, episode: int) -> float:
-        """The share of random actions; policies explore by what they are."""
-        return 0.0 if self._config.dqn is None else self._config.exploration.epsilon(episode, self._config.episodes)
+        """The share of random actions."""
+        return self._config.learning.epsilon(episode, self._config.episodes)
 
-    def _difficulty(self, episode: int) -> Difficulty:
+    def _difficulty(self, episode: int) -> str:
         return self._ledger.difficulties[episode]
 
     def _row(self, episode: Episode) -> EpisodeRow:

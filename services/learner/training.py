@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from common.config import DqnConfig, ReplayConfig
 from common.records import Episode
+from common.rules.replay import UniformReplay
+from common.rules.values import ValueSettings
 from common.seeding import stream_key
 from services.learner.learning import Learning, by_part, means
 from services.learner.replay.replay import Replay, Sample
@@ -58,38 +59,16 @@ class ValueMethod(Protocol):
         """Take on a `state`; raises ValueError, naming the tensor that does not fit."""
 
 
-class Sections(NamedTuple):
-    """The sections of the configuration that value methods need."""
-
-    dqn: DqnConfig
-    replay: ReplayConfig
-
-
-def value_sections(rule: str, learning: Learning, kinds: Sequence[str]) -> Sections:
-    """What `rule` needs of the configuration.
-
-    Raises:
-        ValueError: one is missing, or the network is none of `kinds`.
-    """
-    if learning.dqn is None:
-        raise ValueError(f"rule {rule} needs section dqn: give dqn.learning_rate, batch_size and learn_every_steps")
-    if learning.replay is None:
-        raise ValueError(f"rule {rule} needs section replay: give replay.capacity")
-    if learning.network.kind not in kinds:
-        raise ValueError(f"rule {rule} cannot train network.kind {learning.network.kind}: make it {' or '.join(kinds)}")
-    return Sections(learning.dqn, learning.replay)
-
-
 class ValueTrainer:
     """The trainer of value methods; see `learning.Trainer`."""
 
-    def __init__(self, learning: Learning, sections: Sections, method: ValueMethod, look: Look) -> None:
+    def __init__(self, learning: Learning[ValueSettings], method: ValueMethod, look: Look) -> None:
         """`look` gives the observations of a batch."""
-        self._config, self._replay_config = sections
+        self._config, self._replay_config = learning.settings.dqn, learning.settings.replay
         self._learning = learning
         self._method = method
         self._look = look
-        self._maker = TransitionMaker(learning.discount)
+        self._maker = TransitionMaker(learning.settings.discount)
         self._replay = Replay(self._replay_config, COLUMNS, ROWS, learning.n_features)
         self._counters = dict.fromkeys(COUNTERS, 0)
 
@@ -183,5 +162,7 @@ class ValueTrainer:
     @property
     def _beta(self) -> float:
         """The exponent of the importance weights: from `replay.beta` in a run's first episode to 1 after its last."""
+        if isinstance(self._replay_config, UniformReplay):
+            return 0.0  # there are none
         first, progress = self._replay_config.beta, self._counters["episodes"] / self._learning.episodes
         return first + (1 - first) * min(1.0, progress)

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from common.config import DqnConfig, NetworkConfig, PpoConfig, SilConfig
 from common.levels.legacy import generate
 from common.policy.actor_critic import build_actor_critic
 from common.policy.compiled import Twin
@@ -22,6 +21,10 @@ from common.policy.recurrent import build_recurrent_network
 from common.policy.rollout import Rollouts
 from common.rail.normalise import N_FEATURES
 from common.rail.world import N_ACTIONS
+from common.rules.policies import PpoConfig
+from common.rules.settings import NetworkConfig
+from common.rules.sil import SilConfig
+from common.rules.values import DqnConfig
 from services.learner.algorithms.dqn import Dqn
 from services.learner.algorithms.ppo import Ppo
 from services.learner.algorithms.sil import Sil

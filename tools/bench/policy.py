@@ -30,7 +30,7 @@ from flatland.envs.observations import TreeObsForRailEnv
 from flatland.envs.rail_env_action import RailEnvActions
 from numpy.typing import NDArray
 
-from common.config import DIFFICULTIES, NetworkConfig
+from common.levels.distributions import shipped
 from common.levels.legacy import forget_rails, generate
 from common.levels.level import Level
 from common.policy.compiled import Twin
@@ -42,6 +42,7 @@ from common.rail.normalise import N_FEATURES, N_NODE_FEATURES, N_NODES, normalis
 from common.rail.plain_env import StartReady, plain_environment
 from common.rail.play import Recording
 from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, N_ACTIONS
+from common.rules.settings import NetworkConfig
 from common.seeding import stream_key
 from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
 
@@ -198,7 +199,7 @@ def comparisons(worlds: int) -> list[Comparison]:
     """All that is measured: episodes on so many levels of each difficulty."""
     torch.set_num_threads(1)
     network = pathfinder()
-    return [comparison(name, [generate(name, seed) for seed in range(worlds)], network) for name in DIFFICULTIES]
+    return [comparison(name, [generate(name, seed) for seed in range(worlds)], network) for name in shipped()]
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.config import DIFFICULTIES, NetworkConfig, ReplayConfig
+from common.levels.distributions import shipped
 from common.levels.legacy import generate
 from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters
@@ -27,6 +27,8 @@ from common.policy.player import MAX_TRAINS, Acting, network_layout, play
 from common.policy.rollout import Rollouts
 from common.rail.normalise import N_FEATURES
 from common.rail.world import N_ACTIONS
+from common.rules.replay import PrioritizedReplay, UniformReplay
+from common.rules.settings import NetworkConfig
 from services.learner.replay.priorities import ADDED_TO_PRIORITY
 from services.learner.replay.replay import Replay
 from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
@@ -56,10 +58,9 @@ class Contender(Protocol):
 
 class Ours:
     def __init__(self, capacity: int, *, prioritized: bool) -> None:
-        kind = "prioritized" if prioritized else "uniform"
-        self.replay = Replay(
-            ReplayConfig(kind=kind, capacity=capacity, alpha=ALPHA, beta=BETA), COLUMNS, ROWS, N_FEATURES
-        )
+        by_priority = PrioritizedReplay(capacity=capacity, alpha=ALPHA, beta=BETA)
+        config = by_priority if prioritized else UniformReplay(capacity=capacity)
+        self.replay = Replay(config, COLUMNS, ROWS, N_FEATURES)
         self._rng = np.random.default_rng(0)
 
     def add(self, items: Items) -> None:
@@ -140,7 +141,7 @@ def real_transitions(levels: int) -> Items:
     twin, rollouts = Twin(network_layout(config)), Rollouts(MAX_TRAINS)
     twin.load(export_parameters(build_network(config, N_FEATURES, N_ACTIONS, seed=0)))
     seen = []
-    for difficulty in DIFFICULTIES:
+    for difficulty in shipped():
         for seed in range(levels):
             recording = play(rollouts, generate(difficulty, seed), Acting(twin, EPSILON, key=seed))
             by_train = np.lexsort((recording.times, recording.trains))

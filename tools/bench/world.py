@@ -17,7 +17,7 @@ from flatland.envs.observations import TreeObsForRailEnv
 from flatland.envs.rail_env import RailEnv
 from numpy.typing import NDArray
 
-from common.config import DIFFICULTIES
+from common.levels.distributions import shipped
 from common.levels.legacy import forget_rails, generate
 from common.levels.level import Level
 from common.rail.compiled.world import CompiledWorld
@@ -107,8 +107,8 @@ def _agree(world: CompiledWorld, environments: Sequence[RailEnv]) -> bool:
 
 def comparisons(worlds: int, steps: int) -> list[Comparison]:
     """All that is measured: so many worlds, for so many steps."""
-    levels = {name: [generate(name, seed) for seed in range(worlds)] for name in DIFFICULTIES}
-    plain = [comparison(f"step+tree {name}", levels[name], disturbed=False, steps=steps) for name in DIFFICULTIES]
+    levels = {name: [generate(name, seed) for seed in range(worlds)] for name in shipped()}
+    plain = [comparison(f"step+tree {name}", levels[name], disturbed=False, steps=steps) for name in shipped()]
     name = "step+tree hard, malfunctions, speeds"
     return [*plain, comparison(name, levels["hard"], disturbed=True, steps=steps)]
 

@@ -1,4 +1,4 @@
-"""Deep Q-learning and its variants: one learner, with switches in `NetworkConfig` and `DqnConfig`.
+"""Deep Q-learning and its variants: one learner, with switches in its settings.
 
 | preset | `dqn.target_tau` | `dqn.double` | `network.kind` | paper |
 |---|---|---|---|---|
@@ -29,21 +29,21 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from common.config import DqnConfig
 from common.policy.networks import build_network, export_tensors, import_tensors
+from common.rules.values import DqnConfig, ValueSettings
 from services.learner.learning import Learning
 from services.learner.network.adam import Adam
 from services.learner.network.sparse import SparseRows, sparse_rows
 from services.learner.network.values import ValueNetwork
 from services.learner.replay.replay import Replay, Sample
-from services.learner.training import Batch, Update, ValueTrainer, value_sections
+from services.learner.training import Batch, Update, ValueTrainer
 
 
-def build(learning: Learning) -> ValueTrainer:
+def build(learning: Learning[ValueSettings]) -> ValueTrainer:
     """The trainer of `dqn`, `ddqn` and `dddqn`."""
-    sections = value_sections("dqn", learning, kinds=("plain", "dueling"))
-    network = build_network(learning.network, learning.n_features, learning.n_actions, learning.seed)
-    return ValueTrainer(learning, sections, Dqn(sections.dqn, network), single_observations)
+    settings = learning.settings
+    network = build_network(settings.network, learning.n_features, learning.n_actions, learning.seed)
+    return ValueTrainer(learning, Dqn(settings.dqn, network), single_observations)
 
 
 def single_observations(_replay: Replay, sample: Sample) -> tuple[Tensor, Tensor]:

@@ -22,7 +22,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from common.config import PpoConfig
+from common.rules.policies import PolicySettings, PpoConfig
 from services.learner.experience import Experience
 from services.learner.learning import Learning, Trainer
 from services.learner.network.policies import PolicyNetwork
@@ -176,13 +176,7 @@ class WholeEpisodes:
             raise ValueError(f"tensor {next(iter(state))} is unknown here: ppo keeps nothing but its network")
 
 
-def build(learning: Learning) -> Trainer:
-    """The trainer of a run of `ppo`.
-
-    Raises:
-        ValueError: the section ppo is missing, or has a batch size.
-    """
-    if learning.ppo is None or learning.ppo.batch_size is not None:
-        raise ValueError("ppo wants a section ppo without a batch_size: it learns from whole episodes")
-    network = build_network(learning, learning.ppo)
-    return PolicyTrainer(learning, network, WholeEpisodes(learning.ppo, network))
+def build(learning: Learning[PolicySettings]) -> Trainer:
+    """The trainer of a run of `ppo`."""
+    network = build_network(learning)
+    return PolicyTrainer(learning, network, WholeEpisodes(learning.settings.ppo, network))

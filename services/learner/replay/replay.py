@@ -13,8 +13,8 @@ import torch
 from numpy.typing import DTypeLike, NDArray
 from torch import Tensor
 
-from common.config import ReplayConfig
 from common.kernel import bare_kernel
+from common.rules.replay import PrioritizedReplay, ReplayConfig
 from services.learner.replay.drawing import draw, gather
 from services.learner.replay.priorities import Priorities
 from services.learner.replay.rows import RowRing
@@ -65,8 +65,7 @@ class Replay:
         }
         self._row_names = tuple(rows)
         self._rows = RowRing(config.capacity, len(rows), n_features)
-        prioritized = config.kind == "prioritized"
-        self._priorities = Priorities(config.capacity, config.alpha) if prioritized else None
+        self._priorities = Priorities(config.capacity, config.alpha) if isinstance(config, PrioritizedReplay) else None
         self._added = 0  # ever, or as many as would have left the ring as it is
         self._make_sample(0)
         self._histories = torch.empty(0, 0, n_features)
