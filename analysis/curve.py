@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from common.folder import RunFolder
 from common.process import run_service
-from common.records import EpisodeRow, EvaluationRow
+from common.records.rows import EpisodeRow, EvaluationRow
 from common.rows import read_rows
 
 WINDOW = 100

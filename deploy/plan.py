@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from common.interpreter import run_module
-from common.records import Role
+from common.records.base import Role
 
 # One thread a process for numerics, and bits that do not depend on memory alignment.
 ENVIRONMENT = {

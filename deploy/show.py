@@ -10,7 +10,8 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from common.records import EpisodeRow, EvaluationRow, Status
+from common.records.control import Status
+from common.records.rows import EpisodeRow, EvaluationRow
 
 SHOWN_EVALUATIONS = 8
 SHOWN_PROBLEMS = 3

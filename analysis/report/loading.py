@@ -15,7 +15,7 @@ from common import checkpoint
 from common.checkpoint import CheckpointError
 from common.config import RunConfig
 from common.folder import RunFolder
-from common.records import EpisodeRow, EvaluationRow
+from common.records.rows import EpisodeRow, EvaluationRow
 from common.rows import DamagedRows, read_rows
 from common.strict import ConfigError, flat
 

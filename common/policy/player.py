@@ -10,8 +10,9 @@ from common.levels.level import Level
 from common.policy.compiled import Twin
 from common.policy.packing import Layout
 from common.rail.normalise import N_FEATURES
-from common.rail.play import Recording, Stage
+from common.rail.play import Stage
 from common.rail.world import N_ACTIONS
+from common.records.course import Course
 from common.rules.settings import NetworkConfig
 
 MAX_TRAINS = 7  # of the hardest difficulty
@@ -41,11 +42,11 @@ class Player(Protocol):
             ValueError: there are more or fewer decisions than actions, or more trains than there is room for.
         """
 
-    def advance(self, acting: Acting, states: NDArray[np.float32], steps: int | None = None) -> Recording:
+    def advance(self, acting: Acting, states: NDArray[np.float32], steps: int | None = None) -> Course:
         """Play on, to the end or for at most `steps`; `states` are carried on in place."""
 
 
-def play(player: Player, level: Level, acting: Acting) -> Recording:
+def play(player: Player, level: Level, acting: Acting) -> Course:
     """A whole episode."""
     player.begin(level)
     return player.advance(acting, acting.twin.zero_state(level.n_trains))
@@ -79,6 +80,6 @@ class Stepped:
     def begin(self, level: Level, actions: NDArray[np.int8] = NO_ACTIONS, steps: int = 0) -> None:
         self._stage.begin(level, actions, steps)
 
-    def advance(self, acting: Acting, states: NDArray[np.float32], steps: int | None = None) -> Recording:
+    def advance(self, acting: Acting, states: NDArray[np.float32], steps: int | None = None) -> Course:
         choose = acting.twin.in_episode(acting.epsilon, acting.key, states, greedy=acting.greedy)
         return self._stage.advance(choose, states, steps)

@@ -8,7 +8,7 @@ import typer
 from common.config import RunConfig
 from common.folder import RunFolder
 from common.locks import living
-from common.records import EpisodeRow, EvaluationRow
+from common.records.rows import EpisodeRow, EvaluationRow
 from common.rows import read_rows
 from deploy.commands.scale import scale_to
 from deploy.follow import outcome_of

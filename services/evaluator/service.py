@@ -13,15 +13,10 @@ from common.levels.supply import LevelSupply
 from common.policy.compiled import Twin
 from common.policy.player import MAX_TRAINS, network_layout, player
 from common.process import Fatal, ServiceContext
-from common.records import (
-    CheckpointFile,
-    CheckpointNotice,
-    CheckpointRequest,
-    Empty,
-    EvaluationRow,
-    EvaluationRows,
-    HistoryRequest,
-)
+from common.records.checkpoints import CheckpointFile, CheckpointNotice, CheckpointRequest
+from common.records.control import Empty
+from common.records.heartbeats import EvaluatorReport
+from common.records.rows import EvaluationRow, EvaluationRows, HistoryRequest
 from common.rows import DamagedRows, RowFile
 from common.wire import keys
 from services.evaluator.runner import evaluate, greedy, sampled
@@ -35,7 +30,7 @@ HISTORY_CHUNK = 1000
 
 
 class Stopped(Exception):  # noqa: N818  (not an error)
-    """The evaluator was told to stop in the middle of an evaluation."""
+    """Somebody asked the evaluator to stop in the middle of an evaluation."""
 
 
 class Evaluator:
@@ -57,7 +52,7 @@ class Evaluator:
         self._policy = greedy(plays, self._twin) if is_greedy else sampled(plays, self._twin, context.config.seed)
 
     def run(self) -> None:
-        """Serve until told to stop."""
+        """Serve until asked to stop."""
         self._context.bus.subscribe(keys.CHECKPOINTS, lambda _notice: self._announced.set())
         self._context.bus.serve(keys.EVALUATION_HISTORY, self._on_history)
         waited_s = ASK_EVERY_S
@@ -83,7 +78,7 @@ class Evaluator:
         except NoAnswer as reason:
             log.debug("no checkpoints: %s", reason)
         except Stopped:
-            log.info("told to stop in the middle of an evaluation")
+            log.info("asked to stop in the middle of an evaluation")
 
     def _evaluate(self, episode: int) -> None:
         pulled: CheckpointFile = self._context.bus.ask(
@@ -116,6 +111,7 @@ class Evaluator:
             arrived_share=score.arrived_share,
             all_arrived_share=score.all_arrived_share,
             mean_steps=score.mean_steps,
+            score=score.mean_score,
             weights_digest=weights_digest,
             evaluated_unix_s=round(time.time(), 3),
             evaluating_s=round(time.perf_counter() - begin, 3),
@@ -130,4 +126,4 @@ class Evaluator:
         self._beat("evaluating")
 
     def _beat(self, state: str) -> None:
-        self._context.heartbeat.beat(state, lambda: {"evaluations": float(len(self._file.rows))})
+        self._context.heartbeat.beat(state, lambda: EvaluatorReport(evaluations=len(self._file.rows)))

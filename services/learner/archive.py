@@ -13,7 +13,7 @@ from common.checkpoint import CheckpointError, Tensors
 from common.config import RunConfig
 from common.folder import RunFolder
 from common.process import Fatal
-from common.records import EpisodeRow
+from common.records.rows import EpisodeRow
 from common.rows import DamagedRows, RowFile
 from common.snapshots import newest_snapshot
 

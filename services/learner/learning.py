@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from common.config import RunConfig
 from common.rail.world import N_ACTIONS
-from common.records import Episode
+from common.records.acting import Fragment
 from common.rules.settings import RuleSettings
 
 S_co = TypeVar("S_co", bound=RuleSettings, covariant=True)
@@ -49,8 +49,8 @@ def learning_of(config: RunConfig) -> Learning[RuleSettings]:
 class Trainer(Protocol):
     """Everything that learning changes: a function of `Learning` and of the episodes, in order."""
 
-    def train(self, episode: Episode) -> dict[str, float]:
-        """Learn from an episode or its next fragment; returns what there is to tell about it, by name."""
+    def train(self, fragment: Fragment) -> dict[str, float]:
+        """Learn from an episode or its next fragment; returns its metrics, by name."""
 
     def weights(self) -> dict[str, NDArray[np.float32]]:
         """A copy of the parameters that actors act with."""
@@ -58,7 +58,7 @@ class Trainer(Protocol):
     def state(self) -> dict[str, NDArray[Any]]:
         """A copy of everything but the open episode."""
 
-    def restore(self, state: Mapping[str, NDArray[Any]], opened: Sequence[Episode] = ()) -> None:
+    def restore(self, state: Mapping[str, NDArray[Any]], opened: Sequence[Fragment] = ()) -> None:
         """Take on the `state` of a trainer with the same settings: all that follows is the same to the bit.
 
         Args:
@@ -86,7 +86,7 @@ def by_part(state: Mapping[str, NDArray[Any]], *parts: str) -> dict[str, dict[st
 
 
 def means(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """The mean of each metric over the updates that tell it."""
+    """The mean of each metric over the updates that have it."""
     names = dict.fromkeys(name for row in rows for name in row)
     return {name: float(np.mean([row[name] for row in rows if name in row])) for name in names}
 

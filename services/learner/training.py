@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from common.records import Episode
+from common.records.acting import Fragment
 from common.rules.replay import UniformReplay
 from common.rules.values import ValueSettings
 from common.seeding import stream_key
@@ -72,37 +72,38 @@ class ValueTrainer:
         self._replay = Replay(self._replay_config, COLUMNS, ROWS, learning.n_features)
         self._counters = dict.fromkeys(COUNTERS, 0)
 
-    def train(self, episode: Episode) -> dict[str, float]:
+    def train(self, fragment: Fragment) -> dict[str, float]:
         """Add the transitions that an episode, or its next fragment, completes; make the updates that fall due.
 
         An update falls due every `learn_every_steps` environment steps, counted across episodes, and is left out as
         long as the replay holds less than a batch.
 
         Returns:
-            `updates` and `transitions`, how many there were; what the replay tells; and, if there were any updates, the
+            `updates` and `transitions`, how many there were; the metrics of the replay; and, if there were updates, the
             means of their metrics.
 
         Raises:
             ValueError: the episode does not fit the network, is not the next fragment, or its decisions are out of
                 order.
         """
-        n_features = episode.observations.shape[1]
+        course = fragment.course
+        n_features = course.decisions.observations.shape[1]
         if n_features != self._learning.n_features:
             raise ValueError(
-                f"episode {episode.episode} has {n_features} features, the network {self._learning.n_features}"
+                f"episode {fragment.lease.episode} has {n_features} features, the network {self._learning.n_features}"
             )
-        new = self._maker.take(episode)
+        new = self._maker.take(fragment)
         metrics: list[dict[str, float]] = []
-        added, steps = 0, len(episode.rewards)
+        added, steps = 0, len(course.rewards)
         for step in self._learning_steps(steps):
-            known = int(np.searchsorted(new.completed_at, episode.first_step + step, side="right"))
+            known = int(np.searchsorted(new.completed_at, course.first_step + step, side="right"))
             self._replay.add(new[added:known])
             added = known
             if len(self._replay) >= self._config.batch_size:
                 metrics.append(self._update())
         self._replay.add(new[added:])
         self._counters["steps"] += steps
-        self._counters["episodes"] += episode.over
+        self._counters["episodes"] += course.over
         return {
             "updates": float(len(metrics)),
             "transitions": float(len(new)),
@@ -122,7 +123,7 @@ class ValueTrainer:
             **{f"trainer/{name}": np.array(count, np.int64) for name, count in self._counters.items()},
         }
 
-    def restore(self, state: Mapping[str, NDArray[Any]], opened: Sequence[Episode] = ()) -> None:
+    def restore(self, state: Mapping[str, NDArray[Any]], opened: Sequence[Fragment] = ()) -> None:
         """Take on a `state` of a trainer with the same settings: all that follows is the same to the bit.
 
         Args:

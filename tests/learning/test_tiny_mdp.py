@@ -13,7 +13,7 @@ the shortest: whoever ignores how long a transition takes chooses wrongly.
 
 import numpy as np
 import pytest
-from made_episodes import decided
+from made_episodes import decided, edited
 
 from common.config import DqnConfig, NetworkConfig, ReplayConfig
 from common.policy.compiled import Twin
@@ -65,7 +65,7 @@ def as_episode(number, steps, decisions, free_at, place):
         np.where(arrived[:, None], np.float32(0), PLACES[place]),
     )
     told = np.array([decision for _, _, decision, _ in decisions], np.float32).T.copy()
-    return episode.model_copy(update={"log_probabilities": told[1], "values": told[2]})
+    return edited(episode, log_probabilities=told[1], values=told[2])
 
 
 METHODS = {
@@ -110,7 +110,7 @@ def test_the_optimal_policy_and_its_values_are_found(method, replay):
     np.testing.assert_allclose(values.max(-1), optimal, atol=0.15)
     for number in range(4):  # along a way, too
         steps = STEPS_LEFT[[(number + train) % 4 for train in range(TRAINS)]]
-        assert act(number, twin, 0.0, greedy=True).arrived_at.tolist() == (steps - 1).tolist()
+        assert act(number, twin, 0.0, greedy=True).course.arrived_at.tolist() == (steps - 1).tolist()
 
 
 CUES = np.array([[0, -1, -1, -1], [-1, 0, -1, -1]], np.float32)  # which way to take at the fork
@@ -131,4 +131,4 @@ def act_by_memory(number, twin, epsilon, *, greedy=False):
 def test_a_recurrent_network_remembers_what_it_saw_before():
     twin = learn("uniform", episodes=300, act=act_by_memory, **METHODS["drqn"])
     for number in range(2):
-        assert len(act_by_memory(number, twin, 0.0, greedy=True).rewards) == 2
+        assert len(act_by_memory(number, twin, 0.0, greedy=True).course.rewards) == 2

@@ -60,7 +60,7 @@ class Seen:
         twin, rollouts = Twin(Layout("plain", N_FEATURES, N_ACTIONS, HIDDEN)), Rollouts(7)
         twin.load(export_parameters(build_network(NetworkConfig(hidden=HIDDEN), N_FEATURES, N_ACTIONS, 1)))
         played = [play(rollouts, generate("easy", seed), Acting(twin, EPSILON, seed)) for seed in range(LEVELS)]
-        self._rows = np.array([row for recording in played for row in recording.observations])
+        self._rows = np.array([row for course in played for row in course.decisions.observations])
 
     def draw(self, rng: np.random.Generator, *shape: int) -> torch.Tensor:
         """[*shape, F]."""

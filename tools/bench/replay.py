@@ -143,9 +143,9 @@ def real_transitions(levels: int) -> Items:
     seen = []
     for difficulty in shipped():
         for seed in range(levels):
-            recording = play(rollouts, generate(difficulty, seed), Acting(twin, EPSILON, key=seed))
-            by_train = np.lexsort((recording.times, recording.trains))
-            seen.append(np.array(recording.observations, np.float32)[by_train])
+            decisions = play(rollouts, generate(difficulty, seed), Acting(twin, EPSILON, key=seed)).decisions
+            by_train = np.lexsort((decisions.times, decisions.trains))
+            seen.append(np.array(decisions.observations, np.float32)[by_train])
     rows, rng = np.concatenate(seen), np.random.default_rng(0)
     count = len(rows) - 1
     return {

@@ -140,17 +140,17 @@ class Replay:
         if self._histories.shape[:2] != (length, len(places)):
             self._histories = torch.empty(length, len(places), self._n_features)
         chain = np.empty((length, len(places)), np.int64)
-        follow(self._columns[BACK], self._oldest, self._capacity, places, chain)
+        trace_back(self._columns[BACK], self._oldest, self._capacity, places, chain)
         self._rows.gather(chain.reshape(-1), _bits(self._histories.numpy()).reshape(1, -1, self._n_features))
         return self._histories
 
     def metrics(self) -> dict[str, float]:
         """`replay_fill`, a share of the capacity; and `priority_mean` and `priority_max`, to the power of alpha."""
-        told = {"replay_fill": len(self) / self._capacity}
+        metrics = {"replay_fill": len(self) / self._capacity}
         if self._priorities:
-            told["priority_mean"] = self._priorities.total / max(1, len(self))
-            told["priority_max"] = self._priorities.largest
-        return told
+            metrics["priority_mean"] = self._priorities.total / max(1, len(self))
+            metrics["priority_max"] = self._priorities.largest
+        return metrics
 
     def state(self) -> dict[str, NDArray[Any]]:
         """A copy of all that the ring holds, in the order of its places, and its cursor."""
@@ -229,7 +229,9 @@ def _bits(rows: NDArray[np.float32]) -> NDArray[np.uint32]:
 
 
 @bare_kernel
-def follow(back: NDArray[Any], oldest: int, capacity: int, places: NDArray[np.int64], chain: NDArray[np.int64]) -> None:
+def trace_back(
+    back: NDArray[Any], oldest: int, capacity: int, places: NDArray[np.int64], chain: NDArray[np.int64]
+) -> None:
     """Fill `chain` [L, B] with the places of a train's last items, the last of them being `places` [B]; -1 for none."""
     for item in range(len(places)):
         place = places[item]

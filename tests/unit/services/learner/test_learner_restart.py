@@ -9,7 +9,8 @@ from common import checkpoint
 from common.config import parse_config
 from common.folder import RunFolder
 from common.rail.normalise import N_FEATURES
-from common.records import Empty, Episode, Lease, LeaseRequest, WeightsRequest
+from common.records.acting import Lease, LeaseRequest, WeightsRequest
+from common.records.control import Empty
 from common.wire import keys
 from common.wire.keys import Alive
 from services.learner.service import Learner
