@@ -22,7 +22,7 @@ from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from common.config import DIFFICULTIES, Difficulty
+from common.levels.distributions import shipped
 from common.levels.legacy import SPECS
 from common.levels.level import Level
 from common.levels.supply import LevelSupply
@@ -62,7 +62,7 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
 
     def __init__(
         self,
-        difficulty: Difficulty = "easy",
+        difficulty: str = "easy",
         *,
         depth: int = 2,
         decisions: Decisions = "cells",
@@ -204,7 +204,7 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
         return infos
 
 
-def _known(difficulty: Any) -> Difficulty:
-    if difficulty not in DIFFICULTIES:
-        raise ValueError(f"unknown difficulty {difficulty}{nearest(str(difficulty), list(DIFFICULTIES))}")
+def _known(difficulty: Any) -> str:
+    if difficulty not in list(shipped()):
+        raise ValueError(f"unknown difficulty {difficulty}{nearest(str(difficulty), list(list(shipped())))}")
     return difficulty  # type: ignore[no-any-return]

@@ -3,9 +3,9 @@
 Level supply, engines and learner all get it from here. A checkpoint carries it.
 """
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
 from common.levels.distributions import ANY, AnyLevels, Bounds, LevelName, shipped
 from common.rail.observations.table import AnyObservation, TreeObservation
@@ -29,16 +29,6 @@ class WorldSpec(Strict):
         if ANY in levels:
             raise ValueError(f"{ANY} is what actors serve that serve all levels: choose another name")
         return levels
-
-    @model_validator(mode="after")
-    def _delays_are_of_the_stock_rules(self) -> Self:
-        for name, levels in self.levels.items():
-            if levels.rules not in self.reward.rules:
-                raise ValueError(
-                    f"reward.kind {self.reward.kind}: the {levels.rules} rules of {name} know no timetables, "
-                    "use levels with rules: stock, or another reward"
-                )
-        return self
 
     @property
     def bounds(self) -> Bounds:

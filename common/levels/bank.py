@@ -7,8 +7,8 @@ files, so a reader needs no lock; it sees what was there when it looked (`refres
 import os
 from pathlib import Path
 
-from common.config import DIFFICULTIES, Difficulty
 from common.levels.chunks import SUFFIX, Chunk
+from common.levels.distributions import shipped
 from common.levels.level import Level
 
 
@@ -28,7 +28,7 @@ class LevelBank:
         """
         self.root = root
         self._chunks: dict[Path, Chunk] = {}
-        self._places: dict[Difficulty, dict[int, tuple[Chunk, int]]] = {name: {} for name in DIFFICULTIES}
+        self._places: dict[str, dict[int, tuple[Chunk, int]]] = {name: {} for name in list(shipped())}
         self.refresh()
 
     def refresh(self) -> None:
@@ -37,14 +37,14 @@ class LevelBank:
         Raises:
             BankError: one of them cannot be used.
         """
-        for difficulty in DIFFICULTIES:
+        for difficulty in list(shipped()):
             places = self._places[difficulty]
             for path in sorted((self.root / difficulty).glob(f"[!.]*{SUFFIX}")):
                 if path not in self._chunks:
                     chunk = self._chunks[path] = Chunk(path, difficulty)
                     places.update((seed, (chunk, row)) for row, seed in enumerate(chunk.seeds))
 
-    def get(self, difficulty: Difficulty, seed: int) -> Level | None:
+    def get(self, difficulty: str, seed: int) -> Level | None:
         """The level that `legacy.generate` makes of this seed, if it is here.
 
         Raises:
@@ -57,10 +57,10 @@ class LevelBank:
         """All chunks, difficulty by difficulty."""
         return list(self._chunks.values())
 
-    def seeds(self, difficulty: Difficulty) -> frozenset[int]:
+    def seeds(self, difficulty: str) -> frozenset[int]:
         """The seeds whose levels are here."""
         return frozenset(self._places[difficulty])
 
-    def holds(self, difficulty: Difficulty, seed: int) -> bool:
+    def holds(self, difficulty: str, seed: int) -> bool:
         """Whether the level of this seed is here."""
         return seed in self._places[difficulty]

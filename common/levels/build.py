@@ -19,7 +19,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.config import Difficulty
 from common.interpreter import run_module
 from common.levels.bank import LevelBank
 from common.levels.chunks import BankError, chunk_name, write_chunk
@@ -50,7 +49,7 @@ OnProgress = Callable[[Progress], None]
 
 def build(
     root: Path,
-    difficulty: Difficulty,
+    difficulty: str,
     seeds: Sequence[int],
     processes: int = 1,
     on_progress: OnProgress = lambda _progress: None,
@@ -83,7 +82,7 @@ def build(
 
 def build_training(
     root: Path,
-    difficulty: Difficulty,
+    difficulty: str,
     seeds: Sequence[int],
     processes: int = 1,
     on_progress: OnProgress = lambda _progress: None,
@@ -105,7 +104,7 @@ def build_training(
     return built
 
 
-def work(root: Path, difficulty: Difficulty, seeds: Sequence[int]) -> Iterator[int]:
+def work(root: Path, difficulty: str, seeds: Sequence[int]) -> Iterator[int]:
     """Build chunks until all are there; yields the number of new levels after each that was built here."""
     folder = root / difficulty
     folder.mkdir(parents=True, exist_ok=True)
@@ -131,7 +130,7 @@ def work(root: Path, difficulty: Difficulty, seeds: Sequence[int]) -> Iterator[i
             time.sleep(WAIT_S)
 
 
-def _level(bank: LevelBank, difficulty: Difficulty, seed: int) -> Level:
+def _level(bank: LevelBank, difficulty: str, seed: int) -> Level:
     from common.levels.legacy import generate  # noqa: PLC0415  (workers import flatland, who starts them need not)
 
     return bank.get(difficulty, seed) or generate(difficulty, seed)
@@ -151,7 +150,7 @@ def _claim(path: Path) -> Iterator[bool]:
         claim.unlink(missing_ok=True)  # while it is locked, and only when the chunk is there
 
 
-def _run(root: Path, difficulty: Difficulty, seeds: Sequence[int], processes: int) -> Iterator[int]:
+def _run(root: Path, difficulty: str, seeds: Sequence[int], processes: int) -> Iterator[int]:
     """Build with so many processes; yields the number of new levels after each chunk."""
     if processes == 1:
         yield from _collecting_garbage_by_chunk(work(root, difficulty, seeds))

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from common.config import Difficulty
 from common.levels.level import Level
 
 FORMAT = 1  # of the files; 1: the first
@@ -29,7 +28,7 @@ class BankError(Exception):
     """A bank that cannot be used: one line that names the file, what is wrong and what to do."""
 
 
-def chunk_name(difficulty: Difficulty, seeds: Sequence[int]) -> str:
+def chunk_name(difficulty: str, seeds: Sequence[int]) -> str:
     """The file name of the chunk of these levels, in this order."""
     content = f"{FORMAT}/{GENERATOR}/{difficulty}/{','.join(map(str, seeds))}"
     return hashlib.blake2b(content.encode(), digest_size=16).hexdigest() + SUFFIX
@@ -49,7 +48,7 @@ def record_type(height: int, width: int, trains: int) -> np.dtype[Any]:
     )
 
 
-def write_chunk(path: Path, difficulty: Difficulty, seeds: Sequence[int], levels: Sequence[Level]) -> None:
+def write_chunk(path: Path, difficulty: str, seeds: Sequence[int], levels: Sequence[Level]) -> None:
     """Write a chunk that is on the disk, whole, when this returns. All levels must be of one shape."""
     (height, width), trains = levels[0].grid.shape, levels[0].n_trains
     records = np.zeros(len(levels), record_type(height, width, trains))
@@ -86,7 +85,7 @@ def write_chunk(path: Path, difficulty: Difficulty, seeds: Sequence[int], levels
 class Chunk:
     """A chunk that is mapped into memory."""
 
-    def __init__(self, path: Path, difficulty: Difficulty) -> None:
+    def __init__(self, path: Path, difficulty: str) -> None:
         """Map a file.
 
         Raises:

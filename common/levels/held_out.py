@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from common.config import DIFFICULTIES, Difficulty
+from common.levels.distributions import shipped
 from common.levels.level import Level
 from common.seeding import EVALUATION_BIT, evaluation_level_seed, stream_key
 
@@ -23,7 +23,7 @@ HELD_OUT_LEVELS = 1000  # of each difficulty: as many as the final evaluation of
 TRIES = 64  # one in five fails
 FILE = Path(__file__).with_suffix(".bin")  # sorted 64-bit hashes, little-endian
 
-Source = Callable[[Difficulty, int], Level]  # (difficulty, seed) -> the generator's level
+Source = Callable[[str, int], Level]  # (difficulty, seed) -> the generator's level
 
 
 @cache
@@ -42,7 +42,7 @@ def retry_seed(seed: int, attempt: int) -> int:
     return stream_key(seed, attempt, "held-out-retry") & (EVALUATION_BIT - 1) if attempt else seed
 
 
-def training_level(difficulty: Difficulty, seed: int, source: Source) -> Level:
+def training_level(difficulty: str, seed: int, source: Source) -> Level:
     """The training level of a seed: the first of its attempts that is not held out.
 
     Raises:
@@ -57,7 +57,7 @@ def training_level(difficulty: Difficulty, seed: int, source: Source) -> Level:
 
 def draw_hashes(source: Source, indices: Iterable[int]) -> set[int]:
     """The hashes of the rails of these evaluation levels of all difficulties."""
-    return {source(name, evaluation_level_seed(index)).grid_hash for index in indices for name in DIFFICULTIES}
+    return {source(name, evaluation_level_seed(index)).grid_hash for index in indices for name in list(shipped())}
 
 
 def main() -> None:

@@ -20,7 +20,6 @@ from flatland.utils.seeding import np_random as flatland_rng
 from numpy.random import RandomState
 from numpy.typing import NDArray
 
-from common.config import Difficulty
 from common.levels.level import Level
 from common.levels.lines import find_line, lay_line
 from common.rail.decisions import STEPS, exits
@@ -45,7 +44,7 @@ class LegacySpec:
     cities: int
 
 
-SPECS: dict[Difficulty, LegacySpec] = {
+SPECS: dict[str, LegacySpec] = {
     "easy": LegacySpec(trains=3, cities=2),
     "medium": LegacySpec(trains=5, cities=2),
     "hard": LegacySpec(trains=7, cities=3),
@@ -56,7 +55,7 @@ class InfeasibleLevelError(RuntimeError):
     """The generator's draw gave a train no way to a target."""
 
 
-def generate(difficulty: Difficulty, seed: int) -> Level:
+def generate(difficulty: str, seed: int) -> Level:
     """The level of `seed`: a pure function, the same in every process, whatever the global generators hold.
 
     Raises:

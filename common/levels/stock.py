@@ -19,7 +19,6 @@ from flatland.envs.timetable_generators import timetable_generator
 from flatland.envs.timetable_utils import Timetable
 from numpy.typing import NDArray
 
-from common.config import Difficulty
 from common.levels.legacy import LEVEL_TRIES, SIDE_CELLS, InfeasibleLevelError, forget_rails
 from common.levels.level import Level
 from common.rail.compiled.traffic import Traffic
@@ -55,7 +54,7 @@ class StockSpec:
     malfunctions: tuple[float, int, int] | None = None
 
 
-SPECS: dict[Difficulty, StockSpec] = {
+SPECS: dict[str, StockSpec] = {
     "easy": StockSpec(trains=3, cities=2),
     "medium": StockSpec(trains=5, cities=2),
     "hard": StockSpec(trains=7, cities=3),

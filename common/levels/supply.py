@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from common.config import Difficulty
 from common.levels import held_out
 from common.levels.bank import LevelBank
 from common.levels.level import Level
@@ -24,7 +23,7 @@ class LevelSupply:
         """
         return cls(None if root is None or not root.is_dir() else LevelBank(root))
 
-    def level(self, difficulty: Difficulty, seed: int) -> Level:
+    def level(self, difficulty: str, seed: int) -> Level:
         """The generator's level of a seed."""
         level = None if self._bank is None else self._bank.get(difficulty, seed)
         if level is None:
@@ -33,10 +32,10 @@ class LevelSupply:
             level = generate(difficulty, seed)
         return level
 
-    def training(self, difficulty: Difficulty, seed: int) -> Level:
+    def training(self, difficulty: str, seed: int) -> Level:
         """The training level of a seed: never on the rails of an evaluation level (see `held_out`)."""
         return held_out.training_level(difficulty, seed, self.level)
 
-    def evaluation(self, difficulty: Difficulty, index: int, sequence: int = 0) -> Level:
+    def evaluation(self, difficulty: str, index: int, sequence: int = 0) -> Level:
         """Evaluation level `index` of a sequence, the same for every run."""
         return self.level(difficulty, evaluation_level_seed(index, sequence))

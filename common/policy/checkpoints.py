@@ -7,9 +7,10 @@ from pydantic import BaseModel, ValidationError
 
 from common import checkpoint
 from common.checkpoint import CheckpointError
-from common.config import DIFFICULTIES, Difficulty, Mode, NetworkConfig
+from common.levels.distributions import shipped
 from common.policy.compiled import Twin
 from common.policy.player import network_layout
+from common.rules.settings import Mode, NetworkConfig
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class SavedPolicy:
     twin: Twin
     algorithm: str
     episode: int  # episodes of training
-    trained_on: tuple[Difficulty, ...]
+    trained_on: tuple[str, ...]
     mode: Mode  # how its run scores it
     seed: int  # of its run, and of the draws with which that scores it
 
@@ -38,7 +39,7 @@ class _Science(BaseModel):
 
     algorithm: str
     network: NetworkConfig
-    mix: dict[Difficulty, float]
+    mix: dict[str, float]
     evaluation: _Evaluation
     seed: int
 
@@ -61,5 +62,5 @@ def load_policy(path: Path) -> SavedPolicy:
         raise CheckpointError(f"{path}: tensor {error.args[0]} is missing: use another checkpoint") from None
     except ValueError as error:
         raise CheckpointError(f"{path}: {error}: it is of another observation or version of railctl") from None
-    trained_on = tuple(name for name in DIFFICULTIES if name in science.mix)
+    trained_on = tuple(name for name in list(shipped()) if name in science.mix)
     return SavedPolicy(twin, science.algorithm, episode, trained_on, science.evaluation.mode, science.seed)

@@ -11,7 +11,6 @@ import numpy as np
 
 from analysis.statistics import mean_interval
 from common.checkpoint import CheckpointError
-from common.config import Difficulty, Mode
 from common.levels import files
 from common.levels.chunks import BankError
 from common.levels.files import LevelFileError
@@ -21,6 +20,7 @@ from common.levels.supply import LevelSupply
 from common.policy.checkpoints import SavedPolicy, load_policy
 from common.policy.compiled import Twin
 from common.policy.player import MAX_TRAINS, player
+from common.rules.settings import Mode
 from common.strict import ConfigError, nearest
 from common.task import Teller, carry_out, say
 from services.evaluator.runner import Policy, Score, UnplayableLevelError, evaluate, greedy, sampled
@@ -74,14 +74,14 @@ def draws_seed(options: argparse.Namespace, saved: SavedPolicy) -> int | None:
     return None
 
 
-def groups_of(options: argparse.Namespace, difficulties: Sequence[Difficulty]) -> list[Group]:
+def groups_of(options: argparse.Namespace, difficulties: Sequence[str]) -> list[Group]:
     """What is played: groups of a file, or evaluation levels, of the difficulties if `options` name none."""
     if options.levels is not None:
         return list(recorded(options.levels, options.level))
     return drawn(options, options.level or difficulties)
 
 
-def drawn(options: argparse.Namespace, difficulties: Sequence[Difficulty]) -> list[Group]:
+def drawn(options: argparse.Namespace, difficulties: Sequence[str]) -> list[Group]:
     """Evaluation levels of difficulties.
 
     Raises:

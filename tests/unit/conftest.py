@@ -13,7 +13,10 @@ from common.rules.settings import NetworkConfig
 
 DUELING = NetworkConfig(kind="dueling")
 RULES = {"actor-critic": "ppo", "recurrent": "drqn"}  # by kind of network; others are dqn's
-VALUES = {"dqn": {"learning_rate": 0.1, "batch_size": 1, "learn_every_steps": 1}, "replay": {"kind": "uniform", "capacity": 1}}
+VALUES = {
+    "dqn": {"learning_rate": 0.1, "batch_size": 1, "learn_every_steps": 1},
+    "replay": {"kind": "uniform", "capacity": 1},
+}
 POLICY = {"ppo": {"learning_rate": 0.1, "epochs": 1}}
 
 

@@ -7,11 +7,11 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from common.config import DIFFICULTIES, Difficulty
 from common.levels import files, pickles
 from common.levels.bank import LevelBank
 from common.levels.build import Progress, build, build_training
 from common.levels.chunks import BankError
+from common.levels.distributions import shipped
 from common.levels.files import Groups, LevelFileError
 from common.levels.legacy import InfeasibleLevelError
 from common.levels.level import Level
@@ -26,7 +26,7 @@ def build_bank(options: argparse.Namespace) -> None:
     built = {}
     for difficulty in options.level:
 
-        def tell(progress: Progress, difficulty: Difficulty = difficulty) -> None:
+        def tell(progress: Progress, difficulty: str = difficulty) -> None:
             say({"progress": {"of": difficulty, **vars(progress)}})
 
         training = [
@@ -38,7 +38,9 @@ def build_bank(options: argparse.Namespace) -> None:
         built[difficulty] = build(options.bank, difficulty, evaluation, options.processes, tell)
         built[difficulty] += build_training(options.bank, difficulty, training, options.processes, tell)
     bank = LevelBank(options.bank)
-    say({"bank": str(options.bank), "built": built, "levels": {name: len(bank.seeds(name)) for name in DIFFICULTIES}})
+    say(
+        {"bank": str(options.bank), "built": built, "levels": {name: len(bank.seeds(name)) for name in list(shipped())}}
+    )
 
 
 def verify_bank(options: argparse.Namespace) -> None:
@@ -146,7 +148,7 @@ def _parser() -> argparse.ArgumentParser:
     task = tasks.add_parser("build")
     task.set_defaults(run=build_bank)
     task.add_argument("--bank", type=Path, required=True)
-    task.add_argument("--level", choices=DIFFICULTIES, nargs="+", required=True)
+    task.add_argument("--level", choices=list(shipped()), nargs="+", required=True)
     for option in ("--first-seed", "--last-seed", "--episodes", "--evaluation", "--processes"):
         task.add_argument(option, type=int, required=True)
     task = tasks.add_parser("verify")
@@ -162,7 +164,7 @@ def _parser() -> argparse.ArgumentParser:
     task.add_argument("--group")
     task.add_argument("--index", type=int, default=0)
     task.add_argument("--bank", type=Path)
-    task.add_argument("--level", choices=DIFFICULTIES, default="easy")
+    task.add_argument("--level", choices=list(shipped()), default="easy")
     task.add_argument("--seed", type=int, default=0)
     task.add_argument("--evaluation", type=int)
     task.add_argument("--output", type=Path, required=True)
@@ -175,7 +177,7 @@ def _parser() -> argparse.ArgumentParser:
     task.set_defaults(run=export)
     task.add_argument("--file", type=Path)
     task.add_argument("--bank", type=Path)
-    task.add_argument("--level", choices=DIFFICULTIES, default="easy")
+    task.add_argument("--level", choices=list(shipped()), default="easy")
     task.add_argument("--count", type=int, default=100)
     task.add_argument("--seed", type=int)
     task.add_argument("--output", type=Path, required=True)

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from common.config import DIFFICULTIES
 from common.levels.bank import bank_root
+from common.levels.distributions import shipped
 from common.strict import ConfigError
 from deploy.commands.levels.options import TASKS, Bank, known, option
 from deploy.output import AsJson, one_line_errors, say
@@ -38,7 +38,7 @@ def build(
         TASKS,
         "build",
         *option("--bank", bank or bank_root(runs_root())),
-        *("--level", *[known(name) for name in level or DIFFICULTIES]),
+        *("--level", *[known(name) for name in level or list(shipped())]),
         *("--first-seed", first, "--last-seed", last, "--episodes", str(episodes), "--evaluation", str(evaluation)),
         *option("--processes", processes or len(os.sched_getaffinity(0))),
     )

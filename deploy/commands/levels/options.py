@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from common.config import DIFFICULTIES
+from common.levels.distributions import shipped
 from common.strict import ConfigError, nearest
 
 TASKS = "tools.levels.tasks"  # the process that does the work
@@ -22,6 +22,6 @@ def option(name: str, value: object) -> list[str]:
 
 
 def known(level: str) -> str:
-    if level not in DIFFICULTIES:
-        raise ConfigError(f"--level {level!r}{nearest(level, list(DIFFICULTIES))}")
+    if level not in list(shipped()):
+        raise ConfigError(f"--level {level!r}{nearest(level, list(list(shipped())))}")
     return level

@@ -7,8 +7,8 @@ import argparse
 from typing import get_args
 
 from analysis.study import DRAWING, Reference
-from common.config import DIFFICULTIES
 from common.levels.chunks import BankError
+from common.levels.distributions import shipped
 from common.levels.files import LevelFileError
 from common.rail.compiled.world import CompiledWorld
 from common.task import carry_out, say
@@ -20,7 +20,7 @@ from services.evaluator.score import add_levels, groups_of, played
 def score(options: argparse.Namespace) -> None:
     """Score the policy on all groups of levels."""
     rows = []
-    for group in groups_of(options, DIFFICULTIES):
+    for group in groups_of(options, list(shipped())):
         world = CompiledWorld(1, group.most_trains)
         policy = reference_policy(options.policy, world, options.draws, options.orders)
         rows.append(played(group, policy, options.levels))

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from common.config import RunConfig, parse_config
+from common.config import parse_config
 from common.rules.values import ExplorationConfig
 from common.strict import ConfigError, describe, nearest
 
