@@ -5,6 +5,7 @@ carried out. Every part of the system receives its own section, never the tree. 
 those of the run, of its `WorldSpec`, and of its rule's settings.
 """
 
+import json
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
@@ -141,6 +142,19 @@ def parse_config(data: Mapping[str, Any]) -> RunConfig:
     world, learning = _checked(WorldSpec, parts[WorldSpec]), _checked(settings, parts[settings])
     config: RunConfig = _checked(RunConfig, parts[RunConfig] | {"world": world, "learning": learning})
     return config
+
+
+def config_of_science(science: str) -> RunConfig:
+    """The configuration of a run from its science, as checkpoints and snapshots carry it in JSON, those of old too.
+
+    Raises:
+        ValueError: this is no JSON object.
+        ConfigError: it is not what this version knows.
+    """
+    data = json.loads(science)
+    if not isinstance(data, dict):
+        raise ValueError("no object")  # noqa: TRY004  (of JSON)
+    return parse_config(data | {"cluster": {"actors": {ANY: 1}}})
 
 
 def home_of(key: str, rule: str) -> type[BaseModel] | None:

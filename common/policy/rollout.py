@@ -145,24 +145,28 @@ class Rollouts:
 
     def __init__(
         self,
-        max_trains: int,
+        world: CompiledWorld,
         on_step: Callable[[], None] = lambda: None,
         *,
         room_bytes: int = ROOM_BYTES,
         room_steps: int = ROOM_STEPS,
     ) -> None:
-        self._world = CompiledWorld(1, max_trains)
+        """Play in slot 0 of a world."""
+        self._world = world
         self._on_step = on_step
         self._level: Level | None = None
         self._step = 0
         self._arrived_at = np.zeros(0, np.int32)
         n_features = self._world.n_features
+        max_trains = world.max_trains
         self._notes = columns(max(max_trains, room_bytes // (4 * n_features)), n_features)
         self._rewards = np.empty((room_steps, max_trains), np.float32)
 
-    def begin(self, level: Level, actions: NDArray[np.int8] = NO_ACTIONS, steps: int = 0) -> None:
+    def begin(
+        self, level: Level, malfunction_seed: int = 0, actions: NDArray[np.int8] = NO_ACTIONS, steps: int = 0
+    ) -> None:
         """See `common.policy.player.Player`."""
-        self._world.load(0, level)
+        self._world.load(0, level, malfunction_seed)
         self._level, self._step = level, steps
         self._arrived_at = np.full(level.n_trains, NONE, np.int32)
         if repeat(self._world.parts(), actions, steps, self._arrived_at) != len(actions):
@@ -187,7 +191,12 @@ class Rollouts:
             arrived_at=self._arrived_at.copy(),
             final_observations=self._look_back(parts),
             states=states.copy(),
+            score=self._score(parts),
         )
+
+    def _score(self, parts: Parts) -> float | None:
+        score = self._world.score(0) if parts.over[0] else np.nan
+        return None if np.isnan(score) else float(score)
 
     def _piece(
         self, acting: Acting, states: NDArray[np.float32], last_step: int

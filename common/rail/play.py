@@ -32,13 +32,13 @@ class Stage:
         self._step = 0
         self._arrived_at = np.zeros(0, np.int32)
 
-    def begin(self, level: Level, actions: NDArray[np.int8], steps: int) -> None:
+    def begin(self, level: Level, malfunction_seed: int, actions: NDArray[np.int8], steps: int) -> None:
         """Start an episode and take its first `steps`, with the `actions` of all decisions in them.
 
         Raises:
             ValueError: there are more or fewer decisions than actions.
         """
-        self._world.load(0, level)
+        self._world.load(0, level, malfunction_seed)
         self._level, self._step = level, 0
         self._arrived_at = np.full(level.n_trains, NONE, np.int32)
         given = iter(actions.tolist())
@@ -88,6 +88,7 @@ class Stage:
             arrived_at=self._arrived_at.copy(),
             final_observations=self._look_back(),
             states=states.copy(),
+            score=self._score(),
         )
 
     def _deciding(self) -> list[int]:
@@ -104,6 +105,10 @@ class Stage:
         self._arrived_at[self._world.arrived()[0, :n_trains] & (self._arrived_at == NONE)] = self._step
         self._step += 1
         return rewards
+
+    def _score(self) -> float | None:
+        score = self._world.score(0) if self._world.over()[0] else np.nan
+        return None if np.isnan(score) else float(score)
 
     def _look_back(self) -> NDArray[np.float32]:
         final = np.zeros((len(self._arrived_at), self._world.n_features), np.float32)

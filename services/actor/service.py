@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.bus import NoAnswer
-from common.levels.bank import bank_root
-from common.levels.supply import LevelSupply
 from common.policy.compiled import Twin
-from common.policy.player import MAX_TRAINS, Acting, network_layout, player
+from common.policy.player import Acting, Players, network_layout
 from common.process import Fatal, ServiceContext
 from common.records.acting import (
     Circumstances,
@@ -23,7 +21,7 @@ from common.records.acting import (
     WeightsRequest,
 )
 from common.records.heartbeats import ActorReport
-from common.seeding import stream_key
+from common.seeding import stream_key, training_malfunction_seed
 from common.wire import keys
 
 log = logging.getLogger(__name__)
@@ -68,10 +66,11 @@ class Actor:
         self._serves = serves
         self._kept: dict[tuple[int, int], Fragment] = {}  # by episode and fragment
         self._shelf = Shelf(context.config.lag + 2)
-        self._levels = LevelSupply.from_folder(bank_root(context.folder.path.parent))
-        self._player = player(context.config.engine, MAX_TRAINS, self._on_step)
-        self._stands_at: tuple[int, int] | None = None  # episode and steps that the player's world is at
-        self._twin = Twin(network_layout(context.config.network))
+        world = context.config.world
+        self._levels = supply_of(world.levels, context.folder)
+        self._players = Players(context.config.engine, world, self._on_step)
+        self._stands_at: tuple[int, int] | None = None  # episode and steps that the last player's world is at
+        self._twin = Twin(network_layout(context.config.learning.network, world.n_features))
         self._loaded: int | None = None
         self._acting = 0  # the episode
         self._acted = 0
@@ -152,7 +151,7 @@ class Actor:
         begin = time.perf_counter()
         states = self._stand_at(lease)
         key = stream_key(self._context.config.seed, lease.episode, "explore")
-        course = self._player.advance(Acting(self._twin, lease.epsilon, key), states, lease.steps)
+        course = self._players.of(lease.level).advance(Acting(self._twin, lease.epsilon, key), states, lease.steps)
         self._stands_at = (lease.episode, course.last_step)
         acting_s, waited_s = time.perf_counter() - begin, begin - self._idle_since
         circumstances = Circumstances(actor=self._context.name, acting_s=acting_s, waited_s=waited_s)
@@ -164,11 +163,12 @@ class Actor:
         self._stands_at = None  # until all goes well
         if before is not None and stands_at == (lease.episode, before.first_step):
             return before.states.copy()
-        level = self._levels.training(lease.level, lease.level_seed)  # type: ignore[arg-type]
+        level, player = self._levels.training(lease.level, lease.level_seed), self._players.of(lease.level)
+        malfunction_seed = training_malfunction_seed(self._context.config.seed, lease.episode)
         if before is None:
-            self._player.begin(level)
+            player.begin(level, malfunction_seed)
             return self._twin.zero_state(level.n_trains)
-        self._player.begin(level, before.actions, before.first_step)
+        player.begin(level, malfunction_seed, before.actions, before.first_step)
         return before.states.copy()
 
     def _on_step(self) -> None:

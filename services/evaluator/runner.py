@@ -10,7 +10,7 @@ from common.levels.level import Level
 from common.policy.compiled import Twin
 from common.policy.player import Acting, Player, play
 from common.records.course import Course
-from common.seeding import stream_key
+from common.seeding import evaluation_malfunction_seed, stream_key
 
 Policy = Callable[[int, Level], Course]  # plays a whole episode, given the number of the level, and the level
 
@@ -61,12 +61,17 @@ class Score:
 def greedy(player: Player, twin: Twin) -> Policy:
     """Takes the best action."""
     acting = Acting(twin, greedy=True)
-    return lambda _index, level: play(player, level, acting)
+    return lambda index, level: play(player, level, acting, evaluation_malfunction_seed(index))
 
 
 def sampled(player: Player, twin: Twin, seed: int) -> Policy:
     """Takes actions as probable as the network says; the draws are those of (seed, number of the level)."""
-    return lambda index, level: play(player, level, Acting(twin, key=stream_key(seed, index, "evaluation-sample")))
+
+    def policy(index: int, level: Level) -> Course:
+        acting = Acting(twin, key=stream_key(seed, index, "evaluation-sample"))
+        return play(player, level, acting, evaluation_malfunction_seed(index))
+
+    return policy
 
 
 def evaluate(policy: Policy, levels: Iterable[Level], on_level: Callable[[int], None] = lambda _done: None) -> Score:

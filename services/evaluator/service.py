@@ -8,10 +8,8 @@ from functools import partial
 from common import checkpoint
 from common.bus import NoAnswer, Question
 from common.checkpoint import CheckpointError
-from common.levels.bank import bank_root
-from common.levels.supply import LevelSupply
 from common.policy.compiled import Twin
-from common.policy.player import MAX_TRAINS, network_layout, player
+from common.policy.player import Players, network_layout
 from common.process import Fatal, ServiceContext
 from common.records.checkpoints import CheckpointFile, CheckpointNotice, CheckpointRequest
 from common.records.control import Empty
@@ -19,7 +17,7 @@ from common.records.heartbeats import EvaluatorReport
 from common.records.rows import EvaluationRow, EvaluationRows, HistoryRequest
 from common.rows import DamagedRows, RowFile
 from common.wire import keys
-from services.evaluator.runner import evaluate, greedy, sampled
+from services.evaluator.runner import Policy, evaluate, greedy, sampled
 
 log = logging.getLogger(__name__)
 
@@ -45,11 +43,10 @@ class Evaluator:
             raise Fatal(str(error)) from None
         self._done = {(row.episode, row.level) for row in self._file.rows}
         self._announced = threading.Event()
-        self._levels = LevelSupply.from_folder(bank_root(context.folder.path.parent))
-        self._twin = Twin(network_layout(context.config.network))
-        plays = player(context.config.engine, MAX_TRAINS, self._on_step)
-        is_greedy = context.config.evaluation.mode == "greedy"
-        self._policy = greedy(plays, self._twin) if is_greedy else sampled(plays, self._twin, context.config.seed)
+        world = context.config.world
+        self._levels = supply_of(world.levels, context.folder)
+        self._twin = Twin(network_layout(context.config.learning.network, world.n_features))
+        self._players = Players(context.config.engine, world, self._on_step)
 
     def run(self) -> None:
         """Serve until asked to stop."""
@@ -101,7 +98,7 @@ class Evaluator:
     def _score(self, episode: int, level: str, weights_digest: str) -> EvaluationRow:
         begin = time.perf_counter()
         levels = self._config.evaluation.levels
-        score = evaluate(self._policy, map(partial(self._levels.evaluation, level), range(levels)))
+        score = evaluate(self._policy(level), map(partial(self._levels.evaluation, level), range(levels)))
         return EvaluationRow(
             episode=episode,
             level=level,
@@ -116,6 +113,12 @@ class Evaluator:
             evaluated_unix_s=round(time.time(), 3),
             evaluating_s=round(time.perf_counter() - begin, 3),
         )
+
+    def _policy(self, level: str) -> Policy:
+        player = self._players.of(level)
+        if self._config.evaluation.mode == "greedy":
+            return greedy(player, self._twin)
+        return sampled(player, self._twin, self._config.seed)
 
     def _stops(self) -> bool:
         return self._context.stopping.asked
