@@ -18,9 +18,8 @@ from common.policy.packing import ACTOR_CRITIC
 from common.policy.player import NO_ACTIONS, Acting
 from common.policy.twin import forward_row, workspace_size
 from common.rail.compiled.batches import step_all
-from common.rail.compiled.looking import look
-from common.rail.compiled.tree import N_NODE_FEATURES
 from common.rail.compiled.world import CompiledWorld, Parts
+from common.rail.observations.table import look
 from common.rail.play import NONE, Recording
 from common.rail.world import MOVE_FORWARD
 
@@ -31,7 +30,7 @@ class Notes(NamedTuple):
     """Where compiled code writes what happens; room for all decisions of an episode.
 
     Attributes:
-        vectors: [room, nodes, 12], what was seen, a decision a row.
+        vectors: [room, F], what was seen, a decision a row.
         times: [room].
         trains: [room].
         actions: [room].
@@ -54,9 +53,8 @@ def tick(
     parts: Parts, doing: NDArray[np.int8], gained: NDArray[np.float32], step: int, arrived_at: NDArray[np.int32]
 ) -> None:
     """One step of slot 0, and who arrived on it."""
-    step_all(
-        parts.batch, doing, gained, parts.deciding, parts.arrived, parts.over, parts.decisions, parts.legacy, False
-    )
+    flags = parts.deciding, parts.arrived, parts.over
+    step_all(parts.batch, doing, gained, *flags, parts.decisions, parts.legacy, parts.reward, False)
     for train in range(len(arrived_at)):
         if parts.arrived[0, train] and arrived_at[train] == _NONE:
             arrived_at[train] = step
@@ -131,11 +129,10 @@ def run(
                 asking += 1
         if asking:
             seen = notes.vectors[decisions : decisions + asking]
-            look(parts.batch, parts.sight, parts.deciding, parts.tree, parts.depth, seen)
+            look(parts.batch, parts.sight, parts.observation, parts.deciding, seen)
             for row in range(asking):
                 at, train = decisions + row, notes.trains[decisions + row]
-                x = seen[row].reshape(seen[row].size)
-                forward_row(header, parameters, x, states[train], out, places, values, sums)
+                forward_row(header, parameters, seen[row], states[train], out, places, values, sums)
                 scores = out[:n_actions]
                 counter = np.uint64(draw_counter(step, n_trains, train))
                 action = choose(header, scores, greedy, epsilon, key, counter)
@@ -198,7 +195,7 @@ class Rollouts:
             level=self._level,
             first_step=first_step,
             over=bool(parts.over[0]),
-            observations=notes.vectors[:decisions].reshape(decisions, self._world.n_features).copy(),
+            observations=notes.vectors[:decisions].copy(),
             times=notes.times[:decisions].copy(),
             trains=notes.trains[:decisions].copy(),
             actions=notes.actions[:decisions].copy(),
@@ -216,14 +213,14 @@ class Rollouts:
         asking[0, : len(self._arrived_at)] = parts.over[0] & (self._arrived_at == NONE)
         count = np.count_nonzero(asking)
         if count:
-            seen = np.empty((count, *self._notes.vectors.shape[1:]), np.float32)
-            look(parts.batch, parts.sight, asking, parts.tree, parts.depth, seen)
-            final[self._arrived_at == NONE] = seen.reshape(count, self._world.n_features)
+            seen = np.empty((count, self._world.n_features), np.float32)
+            look(parts.batch, parts.sight, parts.observation, asking, seen)
+            final[self._arrived_at == NONE] = seen
         return final
 
     def _room(self, decisions: int, steps: int, trains: int) -> Notes:
         return Notes(
-            vectors=np.empty((decisions, self._world.n_features // N_NODE_FEATURES, N_NODE_FEATURES), np.float32),
+            vectors=np.empty((decisions, self._world.n_features), np.float32),
             times=np.empty(decisions, np.int32),
             trains=np.empty(decisions, np.int32),
             actions=np.empty(decisions, np.int8),
