@@ -118,7 +118,7 @@ class _Rails:
 
     def __init__(self, env: RailEnv) -> None:
         try:
-            level = level_of(env)
+            level = level_of(env, with_schedule=False)
         except UnsupportedEnvironmentError as error:
             raise click.ClickException(f"this environment is not supported: {error}") from None
         self.cells = decision_cells(level.grid)

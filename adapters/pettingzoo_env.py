@@ -26,7 +26,9 @@ from common.levels.distributions import shipped
 from common.levels.legacy import SPECS
 from common.levels.level import Level
 from common.levels.supply import LevelSupply
-from common.rail.compiled.world import CompiledWorld, Decisions
+from common.rail.compiled.decisions import Decisions
+from common.rail.compiled.world import CompiledWorld
+from common.rail.observations.tree import TreeObservation
 from common.rail.world import MOVE_FORWARD, N_ACTIONS
 from common.seeding import training_level_seed
 from common.strict import nearest
@@ -85,7 +87,8 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
         self.possible_agents = [f"train_{train}" for train in range(SPECS[difficulty].trains)]
         self.agents: list[str] = []
         self.level: Level | None = None
-        self._world = CompiledWorld(1, len(self.possible_agents), decisions=decisions, depth=depth)
+        observation = TreeObservation(depth=depth)
+        self._world = CompiledWorld(1, len(self.possible_agents), decisions=decisions, observation=observation)
         self._levels = LevelSupply() if levels is None else levels
         self._numbers = {agent: train for train, agent in enumerate(self.possible_agents)}
         self.observation_spaces = {agent: self._box() for agent in self.possible_agents}

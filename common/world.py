@@ -8,8 +8,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator
 
 from common.levels.distributions import ANY, AnyLevels, Bounds, LevelName, shipped
-from common.rail.observations.table import AnyObservation, TreeObservation
-from common.rail.rewards.table import AnyReward, StudyReward
+from common.rail.observations.table import AnyObservation
+from common.rail.observations.tree import TreeObservation
+from common.rail.rewards.study import StudyReward
+from common.rail.rewards.table import AnyReward
 from common.strict import ConfigError, Strict, nearest
 
 Decisions = Literal["cells", "legacy", "always"]  # see `common.rail.compiled.decisions`

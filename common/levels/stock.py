@@ -1,7 +1,6 @@
 """Levels of flatland-rl 4.3.0 as it is: its sparse rails and lines, and if wanted timetable, speeds, malfunctions.
 
-For the `stock` rules, in which trains know more than a `Level` says: hence `StockLevel`. The study's own levels are
-those of `common.levels.legacy`.
+For the `stock` rules: their levels have a schedule. The study's own levels are those of `common.levels.legacy`.
 """
 
 import random
@@ -17,12 +16,10 @@ from flatland.envs.rail_env import RailEnv
 from flatland.envs.rail_generators import sparse_rail_generator
 from flatland.envs.timetable_generators import timetable_generator
 from flatland.envs.timetable_utils import Timetable
-from numpy.typing import NDArray
 
 from common.levels.legacy import LEVEL_TRIES, SIDE_CELLS, InfeasibleLevelError, forget_rails
 from common.levels.level import Level
-from common.rail.compiled.traffic import Traffic
-from common.rail.from_flatland import level_of, traffic_of
+from common.rail.from_flatland import level_of
 from common.seeding import stream_key
 
 SEED_BITS = (1 << 32) - 1  # what the library's generator takes
@@ -61,22 +58,7 @@ SPECS: dict[str, StockSpec] = {
 }
 
 
-@dataclass(frozen=True)
-class StockLevel:
-    """A level, and what its trains know beyond it.
-
-    Attributes:
-        level: rails, starts, targets, step limit.
-        traffic: speeds, earliest departures, malfunctions.
-        latest_arrivals: [N] int32, after which an arrival is late.
-    """
-
-    level: Level
-    traffic: Traffic
-    latest_arrivals: NDArray[np.int32]
-
-
-def generate(spec: StockSpec, seed: int) -> StockLevel:
+def generate(spec: StockSpec, seed: int) -> Level:
     """The level of `seed`: a pure function, the same in every process, whatever the global generators hold.
 
     Raises:
@@ -89,7 +71,7 @@ def generate(spec: StockSpec, seed: int) -> StockLevel:
             env = environment(spec, derived)
             env.reset(random_seed=derived)
             if _is_feasible(env, spec.trains):
-                return _stock_level(env)
+                return level_of(env)
         finally:
             random.setstate(state)
             forget_rails()
@@ -129,9 +111,3 @@ def _is_feasible(env: RailEnv, trains: int) -> bool:
     distances: Any = env.distance_map.get()
     starts = [(agent.handle, *agent.initial_configuration[0], agent.initial_configuration[1]) for agent in agents]
     return len(starts) == trains and all(np.isfinite(distances[start]) for start in starts)
-
-
-def _stock_level(env: RailEnv) -> StockLevel:
-    agents: Any = env.agents
-    arrivals = np.array([agent.latest_arrival for agent in agents], np.int32)
-    return StockLevel(level_of(env), traffic_of(env), arrivals)

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
+from common.folder import RunFolder
 from common.levels import held_out
-from common.levels.bank import LevelBank
+from common.levels.bank import LevelBank, bank_root
 from common.levels.level import Level
 from common.seeding import evaluation_level_seed
 
@@ -11,17 +12,8 @@ from common.seeding import evaluation_level_seed
 class LevelSupply:
     """Levels by seed; with a bank or without, the same ones."""
 
-    def __init__(self, bank: LevelBank | None = None) -> None:
-        self._bank = bank
-
-    @classmethod
-    def from_folder(cls, root: Path | None) -> "LevelSupply":
-        """The supply over the bank in a folder, if there is one.
-
-        Raises:
-            BankError: the bank cannot be used.
-        """
-        return cls(None if root is None or not root.is_dir() else LevelBank(root))
+    def __init__(self, levels: object = None, root: Path | None = None, kept: Path | None = None) -> None:
+        self._bank = None if root is None or not root.is_dir() else LevelBank(root)
 
     def level(self, difficulty: str, seed: int) -> Level:
         """The generator's level of a seed."""
@@ -39,3 +31,7 @@ class LevelSupply:
     def evaluation(self, difficulty: str, index: int, sequence: int = 0) -> Level:
         """Evaluation level `index` of a sequence, the same for every run."""
         return self.level(difficulty, evaluation_level_seed(index, sequence))
+
+
+def supply_of(levels: object, folder: RunFolder) -> LevelSupply:
+    return LevelSupply(levels, bank_root(folder.path.parent), folder.path / "levels")

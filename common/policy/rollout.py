@@ -18,9 +18,8 @@ from common.policy.packing import ACTOR_CRITIC
 from common.policy.player import NO_ACTIONS, Acting
 from common.policy.twin import forward_row, workspace_size
 from common.rail.compiled.batches import step_all
-from common.rail.compiled.looking import look
-from common.rail.compiled.tree import N_NODE_FEATURES
 from common.rail.compiled.world import CompiledWorld, Parts
+from common.rail.observations.table import look
 from common.rail.world import MOVE_FORWARD
 from common.records.course import NONE, Course, Decisions, columns
 
@@ -33,9 +32,8 @@ def tick(
     parts: Parts, doing: NDArray[np.int8], gained: NDArray[np.float32], step: int, arrived_at: NDArray[np.int32]
 ) -> None:
     """One step of slot 0, and who arrived on it."""
-    step_all(
-        parts.batch, doing, gained, parts.deciding, parts.arrived, parts.over, parts.decisions, parts.legacy, False
-    )
+    flags = parts.deciding, parts.arrived, parts.over
+    step_all(parts.batch, doing, gained, *flags, parts.decisions, parts.legacy, parts.reward, False)
     for train in range(len(arrived_at)):
         if parts.arrived[0, train] and arrived_at[train] == NONE:
             arrived_at[train] = step
@@ -117,8 +115,7 @@ def run(
                 asking += 1
         if asking:
             seen = notes.observations[decisions : decisions + asking]
-            trees = seen.reshape(asking, seen.shape[1] // N_NODE_FEATURES, N_NODE_FEATURES)
-            look(parts.batch, parts.sight, parts.deciding, parts.tree, parts.depth, trees)
+            look(parts.batch, parts.sight, parts.observation, parts.deciding, seen)
             for row in range(asking):
                 at, train = decisions + row, notes.trains[decisions + row]
                 forward_row(header, parameters, seen[row], states[train], out, places, values, sums)
@@ -227,7 +224,7 @@ class Rollouts:
         asking[0, : len(self._arrived_at)] = parts.over[0] & (self._arrived_at == NONE)
         count = np.count_nonzero(asking)
         if count:
-            seen = np.empty((count, self._world.n_features // N_NODE_FEATURES, N_NODE_FEATURES), np.float32)
-            look(parts.batch, parts.sight, asking, parts.tree, parts.depth, seen)
-            final[self._arrived_at == NONE] = seen.reshape(count, self._world.n_features)
+            seen = np.empty((count, self._world.n_features), np.float32)
+            look(parts.batch, parts.sight, parts.observation, asking, seen)
+            final[self._arrived_at == NONE] = seen
         return final

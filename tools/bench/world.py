@@ -21,7 +21,7 @@ from common.levels.distributions import shipped
 from common.levels.legacy import forget_rails, generate
 from common.levels.level import Level
 from common.rail.compiled.world import CompiledWorld
-from common.rail.from_flatland import level_of, traffic_of
+from common.rail.from_flatland import level_of
 from common.rail.plain_env import plain_environment
 from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
 
@@ -49,13 +49,14 @@ def comparison(name: str, levels: Sequence[Level], *, disturbed: bool, steps: in
     n_trains = max(level.n_trains for level in levels)
     rng = np.random.default_rng(0)
     actions = rng.choice(5, p=ACTION_MIX, size=(steps, len(levels), n_trains)).astype(np.int8)
-    world = CompiledWorld(len(levels), n_trains, rules="stock", tree="stock", depth=DEPTH)
+    world = CompiledWorld(len(levels), n_trains, rules="stock", decisions="always")
 
     def once(repeat: int) -> list[Sample]:
         environments = [environment(level, disturbed=disturbed) for level in levels]
         for slot, env in enumerate(environments):
             env.reset(random_seed=repeat)
-            world.load(slot, level_of(env), traffic_of(env))
+            env.np_random = np.random.RandomState(repeat)
+            world.load(slot, level_of(env), malfunction_seed=repeat)
         ours, our_steps = timed(partial(_play_ours, world, actions))
         theirs, their_steps = timed(partial(_play_theirs, environments, actions))
         if our_steps != their_steps or not _agree(world, environments):
@@ -72,7 +73,7 @@ def _play_ours(world: CompiledWorld, actions: NDArray[np.int8]) -> int:
     for chosen in actions:
         running += world.slots - np.count_nonzero(world.over())
         world.obey(chosen)
-        trees = world.trees(out=trees)
+        trees = world.trees(out=trees, depth=DEPTH)
     return running
 
 
@@ -91,7 +92,7 @@ def _play_theirs(environments: Sequence[RailEnv], actions: NDArray[np.int8]) -> 
 
 def _agree(world: CompiledWorld, environments: Sequence[RailEnv]) -> bool:
     """Whether all trains are in the same state, and see the same distance to their targets."""
-    trees = world.trees()
+    trees = world.trees(depth=DEPTH)
     for slot, env in enumerate(environments):
         agents: Any = env.agents
         trains = world.batch.trains[slot, : len(agents)]

@@ -78,7 +78,7 @@ def show(options: argparse.Namespace) -> None:
 
 def _chosen(options: argparse.Namespace) -> tuple[Level, str]:
     if options.file is None:
-        supply = LevelSupply.from_folder(options.bank)
+        supply = LevelSupply(None, options.bank)
         if options.evaluation is not None:
             return supply.evaluation(
                 options.level, options.evaluation
@@ -134,7 +134,7 @@ def export(options: argparse.Namespace) -> None:
 
 
 def _drawn(options: argparse.Namespace) -> Iterator[Level]:
-    supply = LevelSupply.from_folder(options.bank)
+    supply = LevelSupply(None, options.bank)
     for index in range(options.count):
         if options.seed is None:
             yield supply.evaluation(options.level, index)
