@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.bus import NoAnswer
+from common.levels.supply import supply_of
 from common.policy.compiled import Twin
 from common.policy.player import Acting, Players, network_layout
 from common.process import Fatal, ServiceContext

@@ -8,6 +8,7 @@ from functools import partial
 from common import checkpoint
 from common.bus import NoAnswer, Question
 from common.checkpoint import CheckpointError
+from common.levels.supply import supply_of
 from common.policy.compiled import Twin
 from common.policy.player import Players, network_layout
 from common.process import Fatal, ServiceContext
