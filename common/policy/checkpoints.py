@@ -26,7 +26,7 @@ class SavedPolicy:
     @property
     def has_probabilities(self) -> bool:
         """Whether its outputs say how likely an action is; action values do not."""
-        return self.twin.layout.kind == "actor-critic"
+        return self.twin.is_policy
 
 
 class _Evaluation(BaseModel):

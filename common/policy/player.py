@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from common.config import NetworkConfig
 from common.levels.level import Level
-from common.policy.compiled import Twin
+from common.policy.compiled import Chooser
 from common.policy.packing import Layout
 from common.rail.normalise import N_FEATURES
 from common.rail.play import Stage
@@ -26,7 +26,7 @@ class Acting(NamedTuple):
     Policies are sampled, action values taken epsilon-greedily, unless `greedy`.
     """
 
-    twin: Twin
+    twin: Chooser
     epsilon: float = 0.0
     key: int = 0
     greedy: bool = False
@@ -57,15 +57,18 @@ def network_layout(config: NetworkConfig) -> Layout:
     return Layout(config.kind, N_FEATURES, N_ACTIONS, config.hidden)
 
 
-def player(engine: Engine, max_trains: int, on_step: Callable[[], None] = lambda: None) -> Player:
+def player(
+    engine: Engine, max_trains: int, on_step: Callable[[], None] = lambda: None, *, has_twin: bool = True
+) -> Player:
     """What plays with an engine. `on_step` is called before every step, or before a fragment that takes milliseconds.
 
-    Each engine spares the other's imports.
+    Networks without a compiled twin choose step by step on either engine. Each engine spares the other's imports.
     """
     if engine == "compiled":
         from common.policy.rollout import Rollouts  # noqa: PLC0415
+        from common.rail.compiled.world import CompiledWorld  # noqa: PLC0415
 
-        return Rollouts(max_trains, on_step)
+        return Rollouts(max_trains, on_step) if has_twin else Stepped(Stage(CompiledWorld(1, max_trains), on_step))
     from common.rail.flatland_world import FlatlandWorld  # noqa: PLC0415
 
     return Stepped(Stage(FlatlandWorld(slots=1, max_trains=max_trains), on_step))
