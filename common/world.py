@@ -44,6 +44,11 @@ class WorldSpec(Strict):
         return self.observation.n_features(self.bounds)
 
 
+def study_world() -> WorldSpec:
+    """All that ships, under the study's conditions."""
+    return WorldSpec(levels=dict(shipped()))
+
+
 def chosen_levels(names: Any, own: Any) -> dict[str, Any]:
     """The distributions of these names, out of a run file's own and those that ship.
 

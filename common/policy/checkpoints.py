@@ -6,8 +6,8 @@ from pathlib import Path
 from common import checkpoint
 from common.checkpoint import CheckpointError
 from common.config import RunConfig, config_of_science
-from common.policy.compiled import Twin
-from common.policy.player import network_layout
+from common.policy.compiled import Chooser
+from common.policy.player import chooser_of
 from common.strict import ConfigError
 
 
@@ -15,7 +15,7 @@ from common.strict import ConfigError
 class SavedPolicy:
     """A checkpoint's network, ready to act, and the run that it comes from, with its world."""
 
-    twin: Twin
+    network: Chooser
     config: RunConfig
     episode: int  # episodes of training
 
@@ -33,11 +33,11 @@ def load_policy(path: Path) -> SavedPolicy:
         reason = f" ({error})" if isinstance(error, ConfigError) else ""
         remedy = "use a checkpoint that a run of this version wrote"
         raise CheckpointError(f"{path}: does not say what it needs of its run{reason}: {remedy}") from None
-    twin = Twin(network_layout(config.learning.network, config.world.n_features))
+    network = chooser_of(config)
     try:
-        twin.load(tensors)
+        network.load(tensors)
     except KeyError as error:
         raise CheckpointError(f"{path}: tensor {error.args[0]} is missing: use another checkpoint") from None
     except ValueError as error:
         raise CheckpointError(f"{path}: {error}: it is of another observation or version of railctl") from None
-    return SavedPolicy(twin, config, episode)
+    return SavedPolicy(network, config, episode)

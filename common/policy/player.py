@@ -6,9 +6,10 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from common.config import RunConfig
 from common.levels.distributions import Rules
 from common.levels.level import Level
-from common.policy.compiled import Twin
+from common.policy.compiled import Chooser, Twin
 from common.policy.packing import Layout
 from common.rail.compiled.world import CompiledWorld
 from common.rail.play import Stage
@@ -27,7 +28,7 @@ class Acting(NamedTuple):
     Policies are sampled, action values taken epsilon-greedily, unless `greedy`.
     """
 
-    twin: Twin
+    twin: Chooser
     epsilon: float = 0.0
     key: int = 0
     greedy: bool = False
@@ -61,17 +62,24 @@ def network_layout(config: NetworkConfig, n_features: int) -> Layout:
 
 
 def player(
-    engine: Engine, world: WorldSpec, rules: Rules, max_trains: int, on_step: Callable[[], None] = lambda: None
+    engine: Engine,
+    world: WorldSpec,
+    rules: Rules,
+    max_trains: int,
+    on_step: Callable[[], None] = lambda: None,
+    *,
+    has_twin: bool = True,
 ) -> Player:
     """What plays levels of a rule set, with at most so many trains, under the conditions of a world.
 
-    `on_step` is called before every step, or before a fragment that takes milliseconds. Each engine spares the other's
-    imports.
+    `on_step` is called before every step, or before a fragment that takes milliseconds. Networks without a compiled
+    twin choose step by step on either engine. Each engine spares the other's imports.
     """
     if engine == "compiled":
         from common.policy.rollout import Rollouts  # noqa: PLC0415
 
-        return Rollouts(compiled_world(world, rules, max_trains), on_step)
+        compiled = compiled_world(world, rules, max_trains)
+        return Rollouts(compiled, on_step) if has_twin else Stepped(Stage(compiled, on_step))
     from common.rail.flatland_world import FlatlandWorld  # noqa: PLC0415
 
     return Stepped(Stage(FlatlandWorld(1, max_trains, **conditions(world, rules)), on_step))
@@ -93,18 +101,31 @@ def conditions(world: WorldSpec, rules: Rules) -> dict[str, Any]:
     }
 
 
-class Players:
-    """A player for each of a world's level distributions, made when it is first asked for."""
+def chooser_of(config: RunConfig) -> Chooser:
+    """The network of a run, to act with: the compiled twin, or the rule's own module."""
+    n_features = config.world.n_features
+    module = config.learning.module(n_features, N_ACTIONS, config.seed)
+    if module is None:
+        return Twin(network_layout(config.learning.network, n_features))
+    from common.policy.modules import ModuleChooser  # noqa: PLC0415  (torch takes seconds)
 
-    def __init__(self, engine: Engine, world: WorldSpec, on_step: Callable[[], None] = lambda: None) -> None:
-        self._engine, self._world, self._on_step = engine, world, on_step
+    return ModuleChooser(module, n_features, N_ACTIONS, is_policy=config.learning.has_probabilities)
+
+
+class Players:
+    """A player for each of a run's level distributions, made when it is first asked for."""
+
+    def __init__(self, config: RunConfig, chooser: Chooser, on_step: Callable[[], None] = lambda: None) -> None:
+        self._config, self._has_twin, self._on_step = config, isinstance(chooser, Twin), on_step
         self._made: dict[str, Player] = {}
 
     def of(self, name: str) -> Player:
         """The player of a distribution."""
         if name not in self._made:
-            levels = self._world.levels[name]
-            self._made[name] = player(self._engine, self._world, levels.rules, levels.bounds.trains, self._on_step)
+            world = self._config.world
+            rules, trains = world.levels[name].rules, world.levels[name].bounds.trains
+            engine = self._config.engine
+            self._made[name] = player(engine, world, rules, trains, self._on_step, has_twin=self._has_twin)
         return self._made[name]
 
 

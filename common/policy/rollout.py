@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from common.kernel import bare_kernel, kernel
 from common.levels.level import Level
 from common.policy.choosing import choose, draw_counter, log_probability
+from common.policy.compiled import Twin
 from common.policy.packing import ACTOR_CRITIC
 from common.policy.player import NO_ACTIONS, Acting
 from common.policy.twin import forward_row, workspace_size
@@ -199,6 +200,8 @@ class Rollouts:
         self, acting: Acting, states: NDArray[np.float32], last_step: int
     ) -> tuple[Decisions, NDArray[np.float32]]:
         """What happens until `last_step` or the end, as far as there is room to note it; `states` are carried on."""
+        if not isinstance(acting.twin, Twin):
+            raise TypeError(f"{type(acting.twin).__name__} is not compiled: play step by step")
         self._on_step()
         decisions, steps = run(
             self._world.parts(),

@@ -60,18 +60,18 @@ class Record(BaseModel):
     @model_validator(mode="after")
     def _letters_agree(self) -> Self:
         seen: dict[str, int] = {}
-        for field, letter, size in self._lengths():
+        for field, letter, size in self.lengths():
             if seen.setdefault(letter, size) != size:
                 raise ValueError(f"{field}: dimension {letter} is {size} here and {seen[letter]} before")
         return self
 
-    def _lengths(self) -> Iterator[tuple[str, str, int]]:
+    def lengths(self) -> Iterator[tuple[str, str, int]]:
         """Field, shape letter and length of all arrays, also of those in nested records."""
         specs = type(self).arrays()
         for field in type(self).model_fields:
             value = getattr(self, field)
             if isinstance(value, Record):
-                yield from ((f"{field}.{name}", letter, size) for name, letter, size in value._lengths())
+                yield from ((f"{field}.{name}", letter, size) for name, letter, size in value.lengths())
             elif field in specs and (dims := specs[field].dims) is not None:
                 for letter, size in zip(dims, value.shape, strict=True):
                     if isinstance(letter, str):

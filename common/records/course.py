@@ -1,4 +1,4 @@
-"""What happened in an episode, or in a fragment of one: the one type that players give, learners take and wires carry."""
+"""What happened in an episode, or in a fragment of one: what players give, learners take and wires carry."""
 
 from collections import namedtuple
 from collections.abc import Sequence

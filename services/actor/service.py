@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from common.bus import NoAnswer
 from common.levels.supply import supply_of
-from common.policy.compiled import Twin
-from common.policy.player import Acting, Players, network_layout
+from common.policy.player import Acting, Players, chooser_of
 from common.process import Fatal, ServiceContext
 from common.records.acting import (
     Circumstances,
@@ -67,11 +66,10 @@ class Actor:
         self._serves = serves
         self._kept: dict[tuple[int, int], Fragment] = {}  # by episode and fragment
         self._shelf = Shelf(context.config.lag + 2)
-        world = context.config.world
-        self._levels = supply_of(world.levels, context.folder)
-        self._players = Players(context.config.engine, world, self._on_step)
+        self._levels = supply_of(context.config.world.levels, context.folder)
         self._stands_at: tuple[int, int] | None = None  # episode and steps that the last player's world is at
-        self._twin = Twin(network_layout(context.config.learning.network, world.n_features))
+        self._network = chooser_of(context.config)
+        self._players = Players(context.config, self._network, self._on_step)
         self._loaded: int | None = None
         self._acting = 0  # the episode
         self._acted = 0
@@ -137,7 +135,7 @@ class Actor:
             weights = self._shelf.get(version, PUSH_PATIENCE_S) or self._pull(version)
             if weights is None:
                 return False
-            self._twin.load(weights.tensors)
+            self._network.load(weights.tensors)
             self._loaded = version
         return True
 
@@ -152,7 +150,7 @@ class Actor:
         begin = time.perf_counter()
         states = self._stand_at(lease)
         key = stream_key(self._context.config.seed, lease.episode, "explore")
-        course = self._players.of(lease.level).advance(Acting(self._twin, lease.epsilon, key), states, lease.steps)
+        course = self._players.of(lease.level).advance(Acting(self._network, lease.epsilon, key), states, lease.steps)
         self._stands_at = (lease.episode, course.last_step)
         acting_s, waited_s = time.perf_counter() - begin, begin - self._idle_since
         circumstances = Circumstances(actor=self._context.name, acting_s=acting_s, waited_s=waited_s)
@@ -168,7 +166,7 @@ class Actor:
         malfunction_seed = training_malfunction_seed(self._context.config.seed, lease.episode)
         if before is None:
             player.begin(level, malfunction_seed)
-            return self._twin.zero_state(level.n_trains)
+            return self._network.zero_state(level.n_trains)
         player.begin(level, malfunction_seed, before.actions, before.first_step)
         return before.states.copy()
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.levels.level import Level
-from common.policy.compiled import Twin
+from common.policy.compiled import Chooser
 from common.policy.player import Acting, Player, play
 from common.records.course import Course
 from common.seeding import evaluation_malfunction_seed, stream_key
@@ -58,17 +58,17 @@ class Score:
         return None if self.scores is None else float(self.scores.mean())
 
 
-def greedy(player: Player, twin: Twin) -> Policy:
+def greedy(player: Player, network: Chooser) -> Policy:
     """Takes the best action."""
-    acting = Acting(twin, greedy=True)
+    acting = Acting(network, greedy=True)
     return lambda index, level: play(player, level, acting, evaluation_malfunction_seed(index))
 
 
-def sampled(player: Player, twin: Twin, seed: int) -> Policy:
+def sampled(player: Player, network: Chooser, seed: int) -> Policy:
     """Takes actions as probable as the network says; the draws are those of (seed, number of the level)."""
 
     def policy(index: int, level: Level) -> Course:
-        acting = Acting(twin, key=stream_key(seed, index, "evaluation-sample"))
+        acting = Acting(network, key=stream_key(seed, index, "evaluation-sample"))
         return play(player, level, acting, evaluation_malfunction_seed(index))
 
     return policy

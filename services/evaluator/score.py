@@ -17,6 +17,7 @@ from common.levels.files import LevelFileError
 from common.levels.level import Level
 from common.levels.supply import LevelSupply
 from common.policy.checkpoints import SavedPolicy, load_policy
+from common.policy.compiled import Twin
 from common.policy.player import player
 from common.requests import LevelChoice, ScoreRequest, asked
 from common.strict import ConfigError, nearest
@@ -146,8 +147,9 @@ def recorded(path: Path, names: Sequence[str] | None, rules: set[Rules]) -> Iter
 
 def policy_for(group: Group, saved: SavedPolicy, draws: int | None) -> Policy:
     """The network as it plays a group; `draws`: see `draws_seed`."""
-    playing = player("compiled", saved.config.world, group.rules, group.most_trains)
-    return greedy(playing, saved.twin) if draws is None else sampled(playing, saved.twin, draws)
+    has_twin = isinstance(saved.network, Twin)
+    playing = player("compiled", saved.config.world, group.rules, group.most_trains, has_twin=has_twin)
+    return greedy(playing, saved.network) if draws is None else sampled(playing, saved.network, draws)
 
 
 def played(group: Group, policy: Policy, path: Path | None) -> dict[str, Any]:

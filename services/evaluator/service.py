@@ -9,8 +9,7 @@ from common import checkpoint
 from common.bus import NoAnswer, Question
 from common.checkpoint import CheckpointError
 from common.levels.supply import supply_of
-from common.policy.compiled import Twin
-from common.policy.player import Players, network_layout
+from common.policy.player import Players, chooser_of
 from common.process import Fatal, ServiceContext
 from common.records.checkpoints import CheckpointFile, CheckpointNotice, CheckpointRequest
 from common.records.control import Empty
@@ -44,10 +43,9 @@ class Evaluator:
             raise Fatal(str(error)) from None
         self._done = {(row.episode, row.level) for row in self._file.rows}
         self._announced = threading.Event()
-        world = context.config.world
-        self._levels = supply_of(world.levels, context.folder)
-        self._twin = Twin(network_layout(context.config.learning.network, world.n_features))
-        self._players = Players(context.config.engine, world, self._on_step)
+        self._levels = supply_of(context.config.world.levels, context.folder)
+        self._network = chooser_of(context.config)
+        self._players = Players(context.config, self._network, self._on_step)
 
     def run(self) -> None:
         """Serve until asked to stop."""
@@ -86,7 +84,7 @@ class Evaluator:
             tensors, metadata = checkpoint.from_bytes(pulled.content, "checkpoint", source=f"checkpoint {episode}")
         except CheckpointError as error:
             raise Fatal(str(error)) from None
-        self._twin.load(tensors)
+        self._network.load(tensors)
         for level in self._config.mix:
             if (episode, level) not in self._done:
                 row = self._score(episode, level, metadata["digest"])
@@ -118,8 +116,8 @@ class Evaluator:
     def _policy(self, level: str) -> Policy:
         player = self._players.of(level)
         if self._config.evaluation.mode == "greedy":
-            return greedy(player, self._twin)
-        return sampled(player, self._twin, self._config.seed)
+            return greedy(player, self._network)
+        return sampled(player, self._network, self._config.seed)
 
     def _stops(self) -> bool:
         return self._context.stopping.asked

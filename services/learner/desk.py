@@ -1,8 +1,8 @@
 """The desk: who gets which lease, who waits, and which fragments are taken.
 
-Pure: events and times come in, answers go out; no clock, no bus, no disk. The desk believes only what it leased, and only
-from whom it leased it. Leases of an earlier learner process, which it does not remember, it takes from living actors
-that keep their fragments, and compares them with what it would have leased once all that comes before is trained.
+Pure: events and times come in, answers go out; no clock, no bus, no disk. The desk believes only what it leased, and
+only from whom it leased it. Living actors may keep fragments that an earlier learner process leased, of which the desk
+remembers nothing: it takes these, and compares their leases with its own once all that comes before is trained.
 """
 
 from collections import deque

@@ -40,8 +40,8 @@ class PolicyRule(Protocol):
 
 def build_network(learning: Learning[PolicySettings]) -> PolicyNetwork:
     """The network of a run as its seed makes it."""
-    ppo = learning.settings.ppo
-    network = build_actor_critic(learning.settings.network, learning.n_features, learning.n_actions, learning.seed)
+    settings, sizes = learning.settings, (learning.n_features, learning.n_actions, learning.seed)
+    network, ppo = settings.module(*sizes) or build_actor_critic(settings.network, *sizes), settings.ppo
     return PolicyNetwork(network, ppo.learning_rate, ppo.max_gradient_norm)
 
 

@@ -5,7 +5,6 @@ import time
 
 from common.bus import Question
 from common.checkpoint import Tensors
-from common.config import RunConfig
 from common.inbox import Inbox
 from common.process import Fatal, ServiceContext
 from common.rail.normalise import N_FEATURES
@@ -39,7 +38,7 @@ class Learner:
 
     def __init__(self, context: ServiceContext) -> None:
         self._context = context
-        self._config: RunConfig = context.config
+        self._config = context.config
         self._archive = Archive(context.folder, context.config)
         try:
             self._trainer = build_trainer(self._config.rule, learning_of(self._config))

@@ -35,8 +35,7 @@ from common.levels.legacy import forget_rails, generate
 from common.levels.level import Level
 from common.policy.compiled import Twin
 from common.policy.networks import QNetwork, build_network, export_parameters, import_parameters
-from common.policy.player import MAX_TRAINS, Acting, network_layout, play
-from common.policy.rollout import Rollouts
+from common.policy.player import Acting, network_layout, play
 from common.rail.flatland_env import LegacyActions, LevelEnv, StudyRewards
 from common.rail.normalise import N_FEATURES, N_NODE_FEATURES, N_NODES, normalise
 from common.rail.plain_env import StartReady, plain_environment
@@ -44,6 +43,7 @@ from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, N_ACTIONS
 from common.records.course import Course
 from common.rules.settings import NetworkConfig
 from common.seeding import stream_key
+from tools.bench.conditions import study_rollouts
 from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
 
 DEPTH = 2
@@ -170,8 +170,8 @@ def _same(theirs: Sequence[dict[int, float]], ours: NDArray[np.float32]) -> bool
 
 def comparison(name: str, levels: Sequence[Level], network: QNetwork) -> Comparison:
     """Play an episode of each level; every repeat explores in another way."""
-    rollouts, they = Rollouts(MAX_TRAINS), TheirPlayer(network)
-    twin = Twin(network_layout(NETWORK))
+    rollouts, they = study_rollouts(), TheirPlayer(network)
+    twin = Twin(network_layout(NETWORK, N_FEATURES))
     twin.load(export_parameters(network))
 
     def play_all(keys: Sequence[int]) -> list[Course]:

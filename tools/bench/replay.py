@@ -23,14 +23,14 @@ from common.levels.distributions import shipped
 from common.levels.legacy import generate
 from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters
-from common.policy.player import MAX_TRAINS, Acting, network_layout, play
-from common.policy.rollout import Rollouts
+from common.policy.player import Acting, network_layout, play
 from common.rail.normalise import N_FEATURES
 from common.rail.world import N_ACTIONS
 from common.rules.replay import PrioritizedReplay, UniformReplay
 from common.rules.settings import NetworkConfig
 from services.learner.replay.priorities import ADDED_TO_PRIORITY
 from services.learner.replay.replay import Replay
+from tools.bench.conditions import study_rollouts
 from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
 
 BATCH, EPISODE, CHUNK = 150, 300, 5_000  # transitions
@@ -138,7 +138,7 @@ RIVALS: dict[str, Callable[..., Contender]] = {"cpprb": Cpprb, "numpy": Plain}
 def real_transitions(levels: int) -> Items:
     """Transitions of an untrained network on so many levels of each difficulty."""
     config = NetworkConfig(kind="dueling")
-    twin, rollouts = Twin(network_layout(config)), Rollouts(MAX_TRAINS)
+    twin, rollouts = Twin(network_layout(config, N_FEATURES)), study_rollouts()
     twin.load(export_parameters(build_network(config, N_FEATURES, N_ACTIONS, seed=0)))
     seen = []
     for difficulty in shipped():

@@ -23,6 +23,7 @@ from torch import Tensor
 
 from common.rules.sil import Settings, SilConfig
 from services.learner.algorithms.ppo import WholeEpisodes, check_finite, log_probability
+from services.learner.algorithms.shapes import check_shapes
 from services.learner.experience import Experience, ExperienceReplay, WithReplay
 from services.learner.learning import Learning, Trainer
 from services.learner.network.policies import PolicyNetwork
@@ -42,6 +43,7 @@ def imitation_policy_loss(log_probability_tm1: Tensor, gain: Tensor) -> Tensor:
     Returns:
         [B].
     """
+    check_shapes("B B", log_probability_tm1, gain)
     return -log_probability_tm1 * gain
 
 
@@ -57,6 +59,7 @@ def imitation_value_loss(value: Tensor, return_t: Tensor) -> Tensor:
     Returns:
         [B].
     """
+    check_shapes("B B", value, return_t)
     return (return_t - value).clamp(min=0).square() / 2
 
 
