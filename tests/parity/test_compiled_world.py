@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from common.config import DIFFICULTIES, Difficulty
-from common.levels.legacy import generate
+from common.levels.shipped import generate
 from common.rail.compiled.world import CompiledWorld
 from common.rail.flatland_world import FlatlandWorld
 

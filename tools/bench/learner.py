@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from common.config import DqnConfig, NetworkConfig, PpoConfig, SilConfig
-from common.levels.legacy import generate
+from common.levels.shipped import generate
 from common.policy.actor_critic import build_actor_critic
 from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters

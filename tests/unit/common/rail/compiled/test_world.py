@@ -6,8 +6,8 @@ import numpy as np
 import played
 import pytest
 
-from common.levels.legacy import generate
 from common.levels.level import Level
+from common.levels.shipped import generate
 from common.rail.compiled.arrays import DONE, NOWHERE
 from common.rail.compiled.malfunctions import Malfunctions
 from common.rail.compiled.traffic import Traffic
