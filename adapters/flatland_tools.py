@@ -118,7 +118,7 @@ class _Rails:
 
     def __init__(self, env: RailEnv) -> None:
         try:
-            level = level_of(env)
+            level = level_of(env, with_schedule=False)
         except UnsupportedEnvironmentError as error:
             raise click.ClickException(f"this environment is not supported: {error}") from None
         self.cells = decision_cells(level.grid)
@@ -155,7 +155,7 @@ class CheckpointPolicy(Policy[RailEnv, TrainView, RailEnvActions]):
         if not path:
             raise click.ClickException(f"{VARIABLE} is not set: let it name a file in a run's folder checkpoints")
         try:
-            self._twin = load_policy(Path(path)).twin
+            self._network = load_policy(Path(path)).network
         except CheckpointError as error:
             raise click.ClickException(str(error)) from None
         self._episode = _Episode([])
@@ -169,8 +169,8 @@ class CheckpointPolicy(Policy[RailEnv, TrainView, RailEnvActions]):
         if not all(isinstance(view, TrainView) for view in observations):
             raise click.ClickException("this policy needs --obs-builder adapters.flatland_tools.StudyObservation")
         if not self._episode.goes_on(observations):
-            states = self._twin.zero_state(len(observations))
-            self._episode = _Episode(observations, self._twin.in_episode(0.0, 0, states, greedy=True))
+            states = self._network.zero_state(len(observations))
+            self._episode = _Episode(observations, self._network.in_episode(0.0, 0, states, greedy=True))
         actions = self._episode.act(observations)
         return {handle: ACTIONS[action] for handle, action in zip(handles, actions, strict=True)}
 

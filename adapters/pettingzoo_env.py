@@ -22,11 +22,12 @@ from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from common.config import DIFFICULTIES, Difficulty
 from common.levels.distributions import shipped
 from common.levels.level import Level
 from common.levels.supply import LevelSupply
-from common.rail.compiled.world import CompiledWorld, Decisions
+from common.rail.compiled.decisions import Decisions
+from common.rail.compiled.world import CompiledWorld
+from common.rail.observations.tree import TreeObservation
 from common.rail.world import MOVE_FORWARD, N_ACTIONS
 from common.seeding import training_level_seed
 from common.strict import nearest
@@ -62,7 +63,7 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
 
     def __init__(
         self,
-        difficulty: Difficulty = "easy",
+        difficulty: str = "easy",
         *,
         depth: int = 2,
         decisions: Decisions = "cells",
@@ -85,7 +86,8 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
         self.possible_agents = [f"train_{train}" for train in range(shipped()[difficulty].trains)]
         self.agents: list[str] = []
         self.level: Level | None = None
-        self._world = CompiledWorld(1, len(self.possible_agents), decisions=decisions, depth=depth)
+        observation = TreeObservation(depth=depth)
+        self._world = CompiledWorld(1, len(self.possible_agents), decisions=decisions, observation=observation)
         self._levels = LevelSupply() if levels is None else levels
         self._numbers = {agent: train for train, agent in enumerate(self.possible_agents)}
         self.observation_spaces = {agent: self._box() for agent in self.possible_agents}
@@ -204,7 +206,7 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
         return infos
 
 
-def _known(difficulty: Any) -> Difficulty:
-    if difficulty not in DIFFICULTIES:
-        raise ValueError(f"unknown difficulty {difficulty}{nearest(str(difficulty), list(DIFFICULTIES))}")
+def _known(difficulty: Any) -> str:
+    if difficulty not in list(shipped()):
+        raise ValueError(f"unknown difficulty {difficulty}{nearest(str(difficulty), list(list(shipped())))}")
     return difficulty  # type: ignore[no-any-return]

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from common.folder import RunFolder
 from common.process import run_service
-from common.records import EpisodeRow, EvaluationRow
+from common.records.rows import EpisodeRow, EvaluationRow
 from common.rows import read_rows
 
 WINDOW = 100
-COLOURS = {"easy": "#0072B2", "medium": "#E69F00", "hard": "#009E73"}  # Okabe & Ito: told apart by everybody
-DASHES = {"easy": "-", "medium": "--", "hard": ":"}
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9")  # Okabe & Ito: told apart by everybody
+DASHES = ("-", "--", ":", "-.")
 
 
 def moving_mean(values: list[float], window: int) -> NDArray[np.float64]:
@@ -33,17 +33,18 @@ def draw(folder: RunFolder) -> Path:
     episodes = read_rows(folder.episodes_file, EpisodeRow)
     evaluations = read_rows(folder.evaluations_file, EvaluationRow)
     figure, axes = plt.subplots(figsize=(8, 4.5), layout="constrained")
-    for level in config.mix:
+    for number, level in enumerate(config.mix):
+        colour, dash = COLOURS[number % len(COLOURS)], DASHES[number % len(DASHES)]
         ours = [row for row in episodes if row.level == level]
         numbers = [row.episode + 1 for row in ours]
         returns = [row.normalised_return for row in ours]
-        axes.plot(numbers, returns, ".", color=COLOURS[level], alpha=0.25, markersize=3)
+        axes.plot(numbers, returns, ".", color=colour, alpha=0.25, markersize=3)
         window = min(WINDOW, max(1, len(returns) // 3))
         axes.plot(
             numbers,
             moving_mean(returns, window),
-            DASHES[level],
-            color=COLOURS[level],
+            dash,
+            color=colour,
             linewidth=2,
             label=f"{level}: training, mean of last {window}",
         )
@@ -53,7 +54,7 @@ def draw(folder: RunFolder) -> Path:
             [row.normalised_return for row in scored],
             "D",
             color="black",
-            markerfacecolor=COLOURS[level],
+            markerfacecolor=colour,
             markersize=6,
             label=f"{level}: {config.evaluation.mode} on {config.evaluation.levels} evaluation levels",
         )

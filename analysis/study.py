@@ -15,19 +15,18 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import yaml
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from common.config import Difficulty
+from common.levels.distributions import LevelName
+from common.requests import Reference
 from common.strict import ConfigError, Strict, describe
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]{0,39}$")]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
 MOST_SEEDS = 1000
-Reference = Literal["random", "shortest-path", "deadlock-avoidance", "deadlock-avoidance-entering", "planner", "alone"]
-DRAWING: tuple[Reference, ...] = ("random", "planner")  # references that draw
 
 
 class Contender(Strict):
@@ -69,7 +68,7 @@ class Study(Strict):
 
     name: Name
     contenders: tuple[Contender, ...] = Field(min_length=1)
-    levels: tuple[Difficulty, ...] = Field(min_length=1)
+    levels: tuple[LevelName, ...] = Field(min_length=1)
     seeds: tuple[Seed, ...] = Field(min_length=1)
     episodes: int = Field(ge=1, le=10_000_000)
     settings: dict[str, Any] = Field(default_factory=dict)  # of all runs, keys of a run file
@@ -122,7 +121,7 @@ class PlannedRun(NamedTuple):
     """One run of a study."""
 
     contender: str
-    level: Difficulty
+    level: str
     seed: int
 
     @property

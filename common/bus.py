@@ -18,7 +18,7 @@ from typing import Any, Generic, TypeVar
 
 import zenoh
 
-from common.records import Record
+from common.records.base import Record
 from common.wire.codec import Refused, decode, encode, encoding_of
 from common.wire.keys import Alive, Service, Topic
 

@@ -15,7 +15,8 @@ from common.bus import Bus, open_bus
 from common.config import RunConfig
 from common.folder import RunFolder
 from common.locks import RunsAlreadyError, sole
-from common.records import Heartbeat, Role
+from common.records.base import Role
+from common.records.heartbeats import Heartbeat, Report
 from common.strict import ConfigError
 from common.wire.keys import HEARTBEATS, Alive
 
@@ -60,14 +61,14 @@ class HeartbeatPublisher:
         self._role = role
         self._next = 0.0
 
-    def beat(self, state: str, counters: Callable[[], dict[str, float]] = dict, *, now: bool = False) -> None:
-        """Tell what this process does; `now` also when the last beat was just before."""
+    def beat(self, state: str, report: Callable[[], Report | None] = lambda: None, *, now: bool = False) -> None:
+        """Say what this process does; `now` also when the last beat was just before."""
         if not now and time.monotonic() < self._next:
             return
         self._next = time.monotonic() + HEARTBEAT_EVERY_S
         self._bus.publish(
             HEARTBEATS,
-            Heartbeat(process=self._name, role=self._role, pid=os.getpid(), state=state, counters=counters()),
+            Heartbeat(process=self._name, role=self._role, pid=os.getpid(), state=state, report=report()),
         )
 
 

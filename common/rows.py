@@ -7,7 +7,7 @@ from typing import Generic, TypeVar
 
 from pydantic import ValidationError
 
-from common.records import Record
+from common.records.base import Record
 
 R = TypeVar("R", bound=Record)
 

@@ -9,6 +9,7 @@ import hashlib
 
 GAMMA = 0x9E3779B97F4A7C15
 MASK_64 = (1 << 64) - 1
+MASK_32 = (1 << 32) - 1
 EVALUATION_BIT = 1 << 31
 
 
@@ -34,6 +35,16 @@ def uniform(key: int, counter: int) -> float:
 def training_level_seed(run_seed: int, episode: int) -> int:
     """The generator seed of a training episode's level: 31 bits, so never an evaluation seed."""
     return stream_key(run_seed, episode, "level") & (EVALUATION_BIT - 1)
+
+
+def training_malfunction_seed(run_seed: int, episode: int) -> int:
+    """The seed of what breaks trains down in a training episode: 32 bits, what flatland's generator takes."""
+    return stream_key(run_seed, episode, "malfunctions") & MASK_32
+
+
+def evaluation_malfunction_seed(index: int) -> int:
+    """As `training_malfunction_seed`, of evaluation level `index`: the same for every policy."""
+    return stream_key(0, index, "evaluation-malfunctions") & MASK_32
 
 
 def evaluation_level_seed(index: int, sequence: int = 0) -> int:

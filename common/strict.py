@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, ValidationError
 
 Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -31,6 +31,11 @@ def describe(error: ValidationError, model: type[BaseModel]) -> str:
     if problem["type"] == "missing":
         return f"{field} is missing: give it a value"
     message = problem["msg"].removeprefix("Value error, ")
+    if problem["type"] == "union_tag_invalid":
+        context = problem["ctx"]
+        return f"{field}.kind: unknown {context['tag']!r}: known are {context['expected_tags']}"
+    if problem["type"] in ("model_type", "model_attributes_type"):
+        return f"{field}: input should be a valid dictionary, not {shortened(problem['input'])}"
     if problem["type"] == "value_error":
         return f"{field}: {message}" if field else message
     return f"{field}: {message[0].lower()}{message[1:]}, not {shortened(problem['input'])}"
@@ -107,12 +112,24 @@ def nearest(word: str, known: list[str]) -> str:
     return f"{hint} known are {', '.join(sorted(known))}"
 
 
-def section_of(annotation: Any) -> type[BaseModel] | None:
-    """The model of a field that is a section, which may be left out; None for other fields."""
-    for kind in _choices(annotation):
-        if isinstance(plain := _plain(kind), type) and issubclass(plain, BaseModel):
-            return plain
-    return None
+def section_of(annotation: Any, kind: str | None = None) -> type[BaseModel] | None:
+    """The model of a field that is a section, which may be left out; None for other fields.
+
+    Of several models that of this `kind`, or else the first.
+    """
+    plain = [_plain(choice) for choice in _choices(annotation)]
+    models = [choice for choice in plain if isinstance(choice, type) and issubclass(choice, BaseModel)]
+    return next((model for model in models if kind in _kinds(model)), models[0] if models else None)
+
+
+def by_kind(default: str) -> Discriminator:
+    """Tells models apart by their `kind`; what does not say it is of the default one."""
+
+    def kind_of(data: Any) -> str:
+        found = data.get("kind", default) if isinstance(data, dict) else getattr(data, "kind", default)
+        return str(found)
+
+    return Discriminator(kind_of)
 
 
 def flat(data: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -10,7 +10,8 @@ from functools import partial
 from common.bus import Bus, NoAnswer
 from common.folder import RunFolder
 from common.locks import living
-from common.records import Empty, EpisodeRow, EvaluationRow, HistoryRequest, ProcessStatus, Progress, RunState, Status
+from common.records.control import Empty, ProcessStatus, Progress, RunState, Status
+from common.records.rows import EpisodeRow, EvaluationRow, HistoryRequest
 from common.rows import read_rows
 from common.wire import keys
 

@@ -92,7 +92,7 @@ def check_machine(config: RunConfig) -> None:
 
 def save_config(folder: RunFolder, config: RunConfig) -> None:
     """Write the resolved configuration."""
-    text = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+    text = yaml.safe_dump(config.plain(), sort_keys=False)
     write_atomically(folder.config_file, text)
 
 

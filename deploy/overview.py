@@ -3,9 +3,10 @@
 import os
 from collections.abc import Mapping
 
-from common.config import DIFFICULTIES, RunConfig
+from common.config import RunConfig
 from common.folder import RunFolder
-from common.records import Heartbeat, ProcessStatus, Progress, RunState, Status
+from common.records.control import ProcessStatus, Progress, RunState, Status
+from common.records.heartbeats import EvaluatorReport, Heartbeat, LearnerReport
 from deploy.supervisor import Supervisor
 
 Beats = Mapping[str, tuple[Heartbeat, float]]  # process -> last heartbeat, unix time of its arrival
@@ -20,26 +21,21 @@ def run_is_complete(config: RunConfig, beats: Beats) -> bool:
 
 
 def progress_of(config: RunConfig, beats: Beats) -> Progress | None:
-    """How far the run is; none before the learner's first word."""
-    if "learner" not in beats or "done" not in beats["learner"][0].counters:
+    """How far the run is; None before the learner's first report."""
+    learner = _learner(beats)
+    if learner is None:
         return None
-    counters = beats["learner"][0].counters
-    evaluations = beats["evaluator"][0].counters.get("evaluations", 0.0) if "evaluator" in beats else 0.0
+    evaluator = beats["evaluator"][0].report if "evaluator" in beats else None
     return Progress(
-        done=int(counters["done"]),
-        leased=int(counters["leased"]),
-        waiting={level: int(counters[f"waiting.{level}"]) for level in DIFFICULTIES if f"waiting.{level}" in counters},
-        weights_version=int(counters["version"]),
-        snapshot=int(counters["snapshot"]),
-        evaluations=int(evaluations),
-        evaluations_due=int(counters["checkpoints"]) * len(config.mix),
-        return_last_100=counters.get("return_last_100"),
-        episodes_per_s=counters["episodes_per_s"],
-        steps_per_s=counters["steps_per_s"],
-        refused=int(counters["refused"]),
-        duplicates=int(counters["duplicates"]),
-        reissued=int(counters["reissued"]),
+        **learner.model_dump(exclude={"checkpoints", "exact_until"}),
+        evaluations=evaluator.evaluations if isinstance(evaluator, EvaluatorReport) else 0,
+        evaluations_due=learner.checkpoints * len(config.mix),
     )
+
+
+def _learner(beats: Beats) -> LearnerReport | None:
+    report = beats["learner"][0].report if "learner" in beats else None
+    return report if isinstance(report, LearnerReport) else None
 
 
 def overview(folder: RunFolder, config: RunConfig, mind: Supervisor, pids: Mapping[str, int], beats: Beats) -> Status:
@@ -80,9 +76,9 @@ def _concerns(mind: Supervisor, progress: Progress | None, beats: Beats) -> list
             concerns.append(f"{count} {level} episodes wait and no actor serves {level}: railctl scale RUN {level}=1")
     if progress is not None and progress.refused:
         concerns.append(f"{progress.refused} messages were refused: railctl logs RUN learner says why")
-    exact_until = beats["learner"][0].counters.get("exact_until") if "learner" in beats else None
-    if exact_until is not None:
-        concerns.append(f"resumed at episode {exact_until:.0f} on another processor or torch: exactness ends there")
+    learner = _learner(beats)
+    if learner is not None and learner.exact_until is not None:
+        concerns.append(f"resumed at episode {learner.exact_until} on another processor or torch: exactness ends there")
     return concerns
 
 

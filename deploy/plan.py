@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.config import Serves
 from common.interpreter import run_module
-from common.records import Role
+from common.records.base import Role
 
 # One thread a process for numerics, and bits that do not depend on memory alignment.
 ENVIRONMENT = {
@@ -24,7 +23,7 @@ class ProcessSpec:
 
     name: str
     role: Role
-    serves: Serves | None = None  # actors: their difficulty, or any
+    serves: str | None = None  # actors: their difficulty, or any
 
     def command(self, run: Path) -> list[str]:
         command = run_module(f"services.{self.role}", "--run", str(run))
@@ -33,7 +32,7 @@ class ProcessSpec:
         return command
 
 
-def actors(counts: Mapping[Serves, int]) -> list[ProcessSpec]:
+def actors(counts: Mapping[str, int]) -> list[ProcessSpec]:
     """The actors for these counts; scaling keeps the names of those that stay.
 
     >>> [spec.name for spec in actors({"easy": 2})]
@@ -46,7 +45,7 @@ def actors(counts: Mapping[Serves, int]) -> list[ProcessSpec]:
     ]
 
 
-def cluster(counts: Mapping[Serves, int]) -> list[ProcessSpec]:
+def cluster(counts: Mapping[str, int]) -> list[ProcessSpec]:
     """Every process of a run, but its supervisor."""
     return [
         ProcessSpec("router", "router"),

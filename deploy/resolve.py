@@ -6,12 +6,17 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from pydantic import BaseModel, ValidationError
 
-from common.config import DIFFICULTIES, MAX_ACTORS, RunConfig, parse_config
-from common.strict import ConfigError, flat, nearest, section_of
+from common.config import MAX_ACTORS, RunConfig, home_of, parse_config, upgraded
+from common.levels.distributions import shipped
+from common.levels.own import with_files_read
+from common.rules import settings_of
+from common.strict import ConfigError, describe, flat, nearest, section_of, shortened
+from common.world import WorldSpec, chosen_levels
 
 Plain = dict[str, Any]
-OPTIONAL_SECTIONS = ("dqn", "ppo", "sil", "replay")  # an algorithm has those that its preset has
+EVALUATION_LEVELS = 50  # unless fewer are kept from training
 
 
 def algorithms() -> list[str]:
@@ -21,61 +26,91 @@ def algorithms() -> list[str]:
     )
 
 
-def rules() -> list[str]:
-    """The names of all update rules: the files of the learner's algorithms, looked at but not imported."""
-    folder = Path(__file__).parents[1] / "services" / "learner" / "algorithms"
-    return sorted(path.stem for path in folder.glob("[a-z]*.py"))
+def preset_of(algorithm: str) -> Plain:
+    """A preset as its file has it.
+
+    Raises:
+        ConfigError: there is none of this name.
+    """
+    if algorithm not in algorithms():
+        raise ConfigError(f"unknown algorithm {algorithm!r}{nearest(algorithm, algorithms())}")
+    preset: Plain = yaml.safe_load((files("deploy.presets") / f"{algorithm}.yaml").read_text())
+    return preset
 
 
-def resolve(given: Plain) -> RunConfig:
+def resolve(given: Plain, base: Path = Path()) -> RunConfig:
     """The configuration of a new run from what was given, on top of its algorithm's preset.
+
+    Args:
+        given: plain data, as a run file has it.
+        base: where relative paths of level files begin.
 
     Raises:
         ConfigError: one line that names field, value and remedy.
     """
+    given = upgraded(given)
     algorithm = str(given.get("algorithm", "dddqn"))
-    if algorithm not in algorithms():
-        raise ConfigError(f"unknown algorithm {algorithm!r}{nearest(algorithm, algorithms())}")
-    preset: Plain = yaml.safe_load((files("deploy.presets") / f"{algorithm}.yaml").read_text())
-    by_level = preset.pop("levels")
-    given = spelled_out(given)
-    check_sections(given)
-    has = ", ".join(name for name in OPTIONAL_SECTIONS if name in preset)
-    for section in OPTIONAL_SECTIONS:
-        if section in given and section not in preset:
-            raise ConfigError(f"algorithm {algorithm} has no section {section}: it has {has}")
+    preset = preset_of(algorithm)
+    by_level = preset.pop("by_level")
+    rule = str(given.get("rule", preset["rule"]))
+    given = spelled_out(given, rule)
+    check_sections(given, rule)
     mix = given.setdefault("mix", {"easy": 1.0})
-    hardest = max((level for level in mix if level in DIFFICULTIES), key=DIFFICULTIES.index, default="easy")
+    world = world_of({"levels": chosen_levels(mix, given.get("levels", {}))}, base)
+    learning = merge(preset, by_level[_most_alike(world, list(by_level))])
     defaults = {
         "algorithm": algorithm,
         "episodes": 1500,
         "cluster": {"actors": dict.fromkeys(mix, 1)},
+        "evaluation": {
+            "levels": min(EVALUATION_LEVELS, *(levels.evaluation_levels for levels in world.levels.values()))
+        },
     }
-    merged = merge(merge(merge(defaults, preset), by_level[hardest]), given)
-    if merged.get("rule") not in rules():
-        raise ConfigError(f"unknown rule {merged.get('rule')!r}{nearest(str(merged.get('rule')), rules())}")
-    if merged.get("lag") and "fragment_steps" not in given:
-        merged["fragment_steps"] = None  # the preset's; several episodes at a time are whole ones
+    merged = merge(merge(defaults, settings_of(rule).adapted(learning, given.get("lag") or 0)), given)
+    merged["levels"] = world.model_dump(mode="json")["levels"]
     if "actors" in given.get("cluster", {}):  # named actors replace the default ones, they do not add to them
         merged["cluster"]["actors"] = given["cluster"]["actors"]
     return parse_config(merged)
 
 
-def resolve_existing(saved: RunConfig, given: Plain, name: str) -> RunConfig:
+def _most_alike(world: WorldSpec, names: Sequence[str]) -> str:
+    """Of the levels that a preset has settings for, that with about as many trains."""
+    trains = world.bounds.trains
+    return min(names, key=lambda name: (abs(shipped()[name].trains - trains), shipped()[name].trains))
+
+
+def world_of(data: Plain, base: Path) -> WorldSpec:
+    """A world whose level files have been read.
+
+    Raises:
+        ConfigError: something in it is wrong, or a file cannot be read.
+    """
+    try:
+        world = WorldSpec.model_validate(data)
+    except ValidationError as error:
+        raise ConfigError(describe(error, WorldSpec)) from None
+    return world.model_copy(update={"levels": with_files_read(world.levels, base)})
+
+
+def resolve_existing(saved: RunConfig, given: Plain, name: str, base: Path = Path()) -> RunConfig:
     """The configuration to go on with: the saved one, with another cluster if one is given.
 
     Raises:
         ConfigError: what is given would make another run of it.
     """
-    given = spelled_out(given)
-    check_sections(given)
+    given = spelled_out(upgraded(given), saved.rule)
+    check_sections(given, saved.rule)
     if given.get("mix", saved.mix) != saved.mix:  # before its actors, which would be missed
         raise _another_run(name, _told(saved.mix), _told(given["mix"]))
-    merged = merge(saved.model_dump(mode="json"), given)
-    if merged.get("lag") and "fragment_steps" not in given:
-        merged["fragment_steps"] = None  # so that what is wrong is the lag
+    if "levels" in given:
+        own = {level: spec for level, spec in given["levels"].items() if level in saved.mix}
+        given["levels"] = world_of({"levels": own}, base).model_dump(mode="json")["levels"] if own else {}
+    merged = merge(saved.plain(), given)
+    merged["levels"] = saved.plain()["levels"] | given.get("levels", {})
     if "actors" in given.get("cluster", {}):
         merged["cluster"]["actors"] = given["cluster"]["actors"]
+    if merged.get("lag") != saved.lag:  # so that what is wrong is the lag
+        raise _another_run(name, f"lag {saved.lag}", str(merged.get("lag")))
     config = parse_config(merged)
     for field, before in flat(saved.science).items():
         now = flat(config.science).get(field)
@@ -94,31 +129,45 @@ def _told(mix: Mapping[Any, float]) -> str:
     return f"level {next(iter(mix))}" if list(mix.values()) == [1] else f"mix {dict(mix)}"
 
 
-def spelled_out(given: Plain) -> Plain:
-    """`level: easy` is short for `mix: {easy: 1}`, `replay: prioritized` for `replay: {kind: prioritized}`.
+def spelled_out(given: Plain, rule: str) -> Plain:
+    """Short forms written out: `level: easy` is `mix: {easy: 1}`, and a name is the `kind` of a section that has kinds.
+
+    >>> spelled_out({"level": "easy", "replay": "prioritized"}, "dqn")
+    {'replay': {'kind': 'prioritized'}, 'mix': {'easy': 1.0}}
 
     Raises:
-        ConfigError: both level and mix are given, or the level is unknown.
+        ConfigError: both level and mix are given.
     """
-    given = dict(given)
-    if isinstance(given.get("replay"), str):
-        given["replay"] = {"kind": given["replay"]}
+    given = {key: _with_kind(str(key), value, rule) for key, value in given.items()}
     level = given.pop("level", None)
     if level is None:
         return given
     if "mix" in given:
         raise ConfigError("level and mix are both given: leave one out")
-    if level not in DIFFICULTIES:
-        raise ConfigError(f"unknown level {level!r}{nearest(str(level), list(DIFFICULTIES))}")
+    if not isinstance(level, str):
+        raise ConfigError(f"level: input should be the name of a level, not {shortened(level)}")
     return given | {"mix": {level: 1.0}}
 
 
-def check_sections(given: Plain) -> None:
+def _with_kind(key: str, value: Any, rule: str) -> Any:
+    section = _section(key, rule)
+    return {"kind": value} if isinstance(value, str) and section and "kind" in section.model_fields else value
+
+
+def _section(key: str, rule: str) -> type[BaseModel] | None:
+    """The model of a key that is a section."""
+    home = home_of(key, rule)
+    return None if home is None else section_of(home.model_fields[key].annotation)
+
+
+def check_sections(given: Plain, rule: str) -> None:
     """Raises ConfigError if something that has keys of its own was given as something else."""
-    for name, field in RunConfig.model_fields.items():
-        is_section = name == "mix" or section_of(field.annotation) is not None
-        if is_section and name in given and not isinstance(given[name], dict):
-            raise ConfigError(f"{name}: input should be a valid dictionary, not {given[name]!r}")
+    for name, value in given.items():
+        if not isinstance(name, str):
+            raise ConfigError(f"{name}: keys should be strings, not {name!r}")
+        is_section = name in ("mix", "levels") or _section(name, rule) is not None
+        if is_section and not isinstance(value, dict):
+            raise ConfigError(f"{name}: input should be a valid dictionary, not {shortened(value)}")
 
 
 def read_file(path: Path) -> Plain:
@@ -168,23 +217,29 @@ def parse_actors(text: str) -> dict[str, int]:
     Raises:
         ConfigError: the text is not of this form.
     """
-    counts = {}
+    counts: dict[str, int] = {}
     for part in text.split(","):
         level, separator, count = part.strip().partition("=")
-        if not separator or not (count.isascii() and count.isdigit()):
-            raise ConfigError(f"actors {part!r} is not difficulty=count: write for example easy=2,hard=1")
-        if level not in (*DIFFICULTIES, "any"):
-            raise ConfigError(f"actors for unknown difficulty {level!r}{nearest(level, [*DIFFICULTIES, 'any'])}")
+        if not separator or not level or not (count.isascii() and count.isdigit()):
+            raise ConfigError(f"actors {part!r} is not level=count: write for example easy=2,hard=1")
+        if level in counts:
+            raise ConfigError(f"actors {part!r}: {level} is there twice, leave one out")
         if len(count) > 3 or int(count) > MAX_ACTORS:
-            raise ConfigError(f"actors {part!r}: at most {MAX_ACTORS} of a difficulty")
+            raise ConfigError(f"actors {part!r}: at most {MAX_ACTORS} of a level")
         counts[level] = int(count)
     return counts
 
 
 def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Plain:
-    """`above` laid over `below`, mapping by mapping."""
+    """`above` laid over `below`, mapping by mapping.
+
+    Raises:
+        ConfigError: a mapping would cover something that is none.
+    """
     result = dict(below)
     for key, value in above.items():
         under = result.get(key)
+        if isinstance(value, dict) and under is not None and not isinstance(under, dict):
+            raise ConfigError(f"{key}: input should be a valid dictionary, not {shortened(under)}")
         result[key] = merge(under, value) if isinstance(under, dict) and isinstance(value, dict) else value
     return result

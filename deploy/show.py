@@ -10,11 +10,13 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from common.records import EpisodeRow, EvaluationRow, Status
+from common.records.control import Status
+from common.records.rows import EpisodeRow, EvaluationRow
 
 SHOWN_EVALUATIONS = 8
 SHOWN_PROBLEMS = 3
 BLOCKS = 10
+SCORE = "flatland score"  # of levels of the stock rules
 STATE_STYLES = {
     "running": "green",
     "finished": "green",
@@ -91,7 +93,9 @@ def process_table(status: Status) -> Table:
 def evaluation_table(rows: Sequence[EvaluationRow]) -> Table:
     """Checkpoints and their scores."""
     scored = scored_column(rows)
-    table = Table("checkpoint", "level", scored, "trains arrived", "all arrived", "steps", box=None, pad_edge=False)
+    has_scores = any(row.score is not None for row in rows)
+    headings = ("checkpoint", "level", scored, "trains arrived", "all arrived", "steps")
+    table = Table(*headings, *([SCORE] * has_scores), box=None, pad_edge=False)
     for row in rows:
         table.add_row(
             str(row.episode),
@@ -100,6 +104,7 @@ def evaluation_table(rows: Sequence[EvaluationRow]) -> Table:
             f"{row.arrived_share:.0%}",
             f"{row.all_arrived_share:.0%}",
             f"{row.mean_steps:.0f}",
+            *([number(row.score)] * has_scores),
         )
     return table
 
@@ -112,7 +117,9 @@ def scored_column(rows: Sequence[EvaluationRow]) -> str:
 def score_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """What `services.evaluator.score` found: a row a group of levels."""
     table = Table("level", box=None, pad_edge=False)
-    for name in ("levels", "return", "low", "high", "median", "std", "trains\narrived", "all\narrived", "steps"):
+    has_scores = any(row["score"] is not None for row in rows)
+    headings = ("levels", "return", "low", "high", "median", "std", "trains\narrived", "all\narrived", "steps")
+    for name in (*headings, *(["flatland\nscore"] * has_scores)):
         table.add_column(name, justify="right", no_wrap=True)
     for row in rows:
         table.add_row(
@@ -126,6 +133,7 @@ def score_table(rows: Sequence[Mapping[str, Any]]) -> Table:
             f"{row['arrived_share']:.1%}",
             f"{row['all_arrived_share']:.1%}",
             f"{row['mean_steps']:.1f}",
+            *([number(row["score"])] * has_scores),
         )
     return table
 
@@ -162,6 +170,7 @@ def row_line(row: EpisodeRow | EvaluationRow) -> str:
     return (
         f"checkpoint {row.episode:>3}  {row.level:<6}  {row.mode} {row.normalised_return:7.3f}  "
         f"arrived {row.arrived_share:.0%}  all arrived {row.all_arrived_share:.0%}  steps {row.mean_steps:.0f}"
+        f"{'' if row.score is None else f'  score {row.score:.3f}'}"
     )
 
 

@@ -7,20 +7,20 @@ import argparse
 import json
 import logging
 import os
-import queue
 import signal
 import subprocess
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 
 from common.bus import Bus, NoAnswer, Question, open_bus
 from common.folder import RunFolder, write_atomically
+from common.inbox import Inbox
 from common.locks import holder, living, sole
 from common.process import EXIT_RUNS_ALREADY, STARTING, Stopping, run_service
-from common.records import CommandAnswer, Empty, EpisodeRow, Heartbeat, ScaleRequest, Status
+from common.records.control import CommandAnswer, Empty, ScaleRequest, Status
+from common.records.heartbeats import Heartbeat
+from common.records.rows import EpisodeRow
 from common.rows import DamagedRows, read_rows
 from common.wire import keys
 from deploy.launch import draw_curve
@@ -65,7 +65,7 @@ class Runner:
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._pids: dict[str, int] = {}
         self._beats: dict[str, tuple[Heartbeat, float]] = {}
-        self._inbox: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._inbox = Inbox()
         self._bus: Bus | None = None
         self._log_starts: dict[str, int] = {}
         self._quit: Quit | None = None
@@ -81,7 +81,7 @@ class Runner:
                     stopping.asked = False
                     self._tell(StopAsked("stopped"))
                 self._connect(stack)
-                self._take_messages()
+                self._inbox.take(TICK_S)
                 self._look_for_exits()
                 if run_is_complete(self._config, self._beats):
                     self._tell(StopAsked("finished"))
@@ -97,21 +97,13 @@ class Runner:
             )
         except NoAnswer:
             return
-        bus.subscribe(keys.HEARTBEATS, lambda beat: self._inbox.put(partial(self._on_beat, beat)))
-        # A token that goes only ends the wait in `_take_messages`: the look for exits follows at once.
-        bus.watch_alive(keys.ALL_ALIVE, lambda _alive, _there: self._inbox.put(lambda: None))
-        bus.serve(keys.STATUS, lambda question: self._inbox.put(partial(self._on_status, question)))
-        bus.serve(keys.SCALE, lambda question: self._inbox.put(partial(self._on_scale, question)))
-        bus.serve(keys.STOP, lambda question: self._inbox.put(partial(self._on_stop, question)))
+        bus.subscribe(keys.HEARTBEATS, self._inbox.into(self._on_beat))
+        # A token that goes only ends the wait for messages: the look for exits follows at once.
+        bus.watch_alive(keys.ALL_ALIVE, self._inbox.into(lambda _alive, _there: None))
+        bus.serve(keys.STATUS, self._inbox.into(self._on_status))
+        bus.serve(keys.SCALE, self._inbox.into(self._on_scale))
+        bus.serve(keys.STOP, self._inbox.into(self._on_stop))
         self._bus = bus
-
-    def _take_messages(self) -> None:
-        try:
-            self._inbox.get(timeout=TICK_S)()
-            while True:
-                self._inbox.get_nowait()()
-        except queue.Empty:
-            pass
 
     def _look_for_exits(self) -> None:
         for name in list(self._pids):

@@ -11,7 +11,7 @@ from rich.text import Text
 from common.bus import Bus, NoAnswer
 from common.folder import RunFolder
 from common.locks import holder
-from common.records import EvaluationRow
+from common.records.rows import EvaluationRow
 from deploy.follow import Rows, live_status
 from deploy.output import console
 from deploy.runs import Failed, reach, supervised

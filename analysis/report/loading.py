@@ -13,9 +13,9 @@ from analysis.report.results import Results, Scored, State, Trained
 from analysis.study import Judgement, PlannedRun, Study, StudyFolder, planned_runs, read_study
 from common import checkpoint
 from common.checkpoint import CheckpointError
-from common.config import DIFFICULTIES, Difficulty, RunConfig
+from common.config import RunConfig
 from common.folder import RunFolder
-from common.records import EpisodeRow, EvaluationRow
+from common.records.rows import EpisodeRow, EvaluationRow
 from common.rows import DamagedRows, read_rows
 from common.strict import ConfigError, flat
 
@@ -56,7 +56,7 @@ def load_study(folder: StudyFolder) -> Results:
     """
     study = read_study(folder.study_file)
     runs = {run: _of_study(folder, run, study) for run in planned_runs(study)}
-    references: dict[tuple[str, Difficulty], Scored | None] = {
+    references: dict[tuple[str, str], Scored | None] = {
         (policy, level): _scored(folder.reference(policy, level), level)
         for level in study.levels
         for policy in study.references
@@ -88,7 +88,7 @@ def _of_study(folder: StudyFolder, run: PlannedRun, study: Study) -> Trained:
     return replace(trained, scored=_scored(folder.evaluation(run), run.level))
 
 
-def _scored(path: Path, level: Difficulty) -> Scored | None:
+def _scored(path: Path, level: str) -> Scored | None:
     """The score on a level in a document that `railctl evaluate --json` printed, or none if there is no document."""
     if not path.exists():
         return None
@@ -108,7 +108,7 @@ def load_runs(paths: Sequence[Path]) -> Results:
         DamagedRows: a run's rows cannot be read.
     """
     configs: dict[Path, RunConfig] = {}
-    found: dict[Path, dict[Difficulty, Trained]] = {}
+    found: dict[Path, dict[str, Trained]] = {}
     for path in paths:
         configs[path], _bare, found[path] = _read_run(path, None)
         if not found[path]:
@@ -125,17 +125,18 @@ def load_runs(paths: Sequence[Path]) -> Results:
                     "leave one of them out"
                 )
             runs[run], whose[run] = trained, path
-    return _of_runs(list(found), runs)
+    trains = {name: levels.bounds.trains for config in configs.values() for name, levels in config.world.levels.items()}
+    return _of_runs(list(found), runs, sorted(trains, key=lambda name: (trains[name], name)))
 
 
-def _of_runs(paths: Sequence[Path], runs: dict[PlannedRun, Trained]) -> Results:
+def _of_runs(paths: Sequence[Path], runs: dict[PlannedRun, Trained], levels: Sequence[str]) -> Results:
     shortest = min(len(trained.returns) for trained in runs.values())
     block = BLOCK if shortest >= LEAST_BLOCK * BLOCK else max(LEAST_BLOCK, shortest // POINTS)
     points = shortest // block
     return Results(
         title=", ".join(path.name for path in paths) if len(paths) <= 3 else f"{len(paths)} runs",
         contenders=tuple(dict.fromkeys(run.contender for run in runs)),
-        levels=tuple(level for level in DIFFICULTIES if any(run.level == level for run in runs)),
+        levels=tuple(level for level in levels if any(run.level == level for run in runs)),
         seeds=tuple(sorted({run.seed for run in runs})),
         episodes=points * block,
         judgement=Judgement(block=block, zones=max(1, min(3, points))),
@@ -164,7 +165,7 @@ def _spoken(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value, separators=(",", ":"))
 
 
-def _read_run(path: Path, episodes: int | None) -> tuple[RunConfig, Trained, dict[Difficulty, Trained]]:
+def _read_run(path: Path, episodes: int | None) -> tuple[RunConfig, Trained, dict[str, Trained]]:
     """A run's configuration, how it stands, and what it has trained on each level so far.
 
     Raises:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.study import Judgement, PlannedRun, Study
-from common.config import Difficulty, RunConfig
+from common.config import RunConfig
 
 State = Literal["done", "unfinished", "failed", "missing"]
 
@@ -43,7 +43,7 @@ class Trained:
 class Rectangle(NamedTuple):
     """Levels and seeds that all contenders have."""
 
-    levels: tuple[Difficulty, ...]
+    levels: tuple[str, ...]
     seeds: tuple[int, ...]
 
 
@@ -53,13 +53,13 @@ class Results:
 
     title: str
     contenders: tuple[str, ...]
-    levels: tuple[Difficulty, ...]
+    levels: tuple[str, ...]
     seeds: tuple[int, ...]
     episodes: int  # of every curve that is compared
     judgement: Judgement
     runs: dict[PlannedRun, Trained]
     scored_by: str  # what final scores are, in words
-    references: dict[tuple[str, Difficulty], Scored | None] = field(default_factory=dict)  # none: missing
+    references: dict[tuple[str, str], Scored | None] = field(default_factory=dict)  # none: missing
     study: Study | None = None
 
     @property
@@ -67,7 +67,7 @@ class Results:
         """Evaluation points of a whole curve."""
         return self.episodes // self.judgement.block
 
-    def cell(self, contender: str, level: Difficulty) -> list[Trained]:
+    def cell(self, contender: str, level: str) -> list[Trained]:
         """The runs of a contender on a level, by seed, also those that are missing."""
         return [found for run, found in self.runs.items() if (run.contender, run.level) == (contender, level)]
 
@@ -94,7 +94,7 @@ class Results:
         best = max(found, key=lambda over: (min(len(over.seeds), 2), len(over.levels) * len(over.seeds)))
         return best if best.seeds else None
 
-    def _all(self, levels: Sequence[Difficulty], seed: int, has: Callable[[Trained], bool]) -> bool:
+    def _all(self, levels: Sequence[str], seed: int, has: Callable[[Trained], bool]) -> bool:
         cells = (self.runs.get(PlannedRun(name, level, seed)) for name in self.contenders for level in levels)
         return all(trained is not None and has(trained) for trained in cells)
 

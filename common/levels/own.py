@@ -5,14 +5,15 @@ are left out. The same levels are always divided in the same way, in whatever or
 """
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from common.levels import files
-from common.levels.distributions import FoundLevels, LevelFiles
+from common.levels.check import check
+from common.levels.distributions import AnyLevels, FoundLevels, LevelFiles
 from common.levels.files import Groups, LevelFileError
 from common.levels.level import Level
 from common.levels.reading import read
@@ -129,6 +130,22 @@ def read_level_files(name: str, spec: LevelFiles, base: Path) -> ReadLevels:
         evaluation=len(evaluation),
     )
     return ReadLevels(spec.model_copy(update={"found": seen}), training, evaluation, left_out)
+
+
+def with_files_read(levels: Mapping[str, AnyLevels], base: Path) -> dict[str, AnyLevels]:
+    """The same distributions, their level files read; what can never be generated is refused.
+
+    Raises:
+        ConfigError: as `read_level_files` and `check`.
+    """
+    found: dict[str, AnyLevels] = {}
+    for name, spec in levels.items():
+        check(name, spec)
+        if isinstance(spec, LevelFiles) and spec.found is None:
+            found[name] = read_level_files(name, spec, base).spec
+        else:
+            found[name] = spec
+    return found
 
 
 def divided(levels: Sequence[Level], share: float) -> tuple[list[Level], list[Level]]:

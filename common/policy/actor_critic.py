@@ -13,9 +13,9 @@ import math
 import torch
 from torch import Tensor, nn
 
-from common.config import NetworkConfig
 from common.policy.networks import linear_layer
 from common.policy.orthogonal import orthogonal
+from common.rules.settings import NetworkConfig
 from common.seeding import stream_key
 
 HIDDEN_GAIN, ACTOR_GAIN, CRITIC_GAIN = math.sqrt(2), 0.01, 1.0

@@ -5,24 +5,25 @@ The machine code is kept beside the sources, or in the user's cache where those 
 
 import numpy as np
 
-from common.config import NetworkConfig
+from common.levels.distributions import shipped
 from common.levels.supply import LevelSupply
 from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters
-from common.policy.player import MAX_TRAINS, Acting, network_layout, play
+from common.policy.player import Acting, compiled_world, network_layout, play
 from common.policy.rollout import Rollouts
-from common.rail.compiled.world import CompiledWorld
+from common.rules.settings import NetworkConfig
+from common.world import WorldSpec
 
 
 def main() -> None:
     """Play one episode whole, and one step by step."""
-    config = NetworkConfig()
-    layout = network_layout(config)
+    config, spec = NetworkConfig(), WorldSpec(levels={"easy": shipped()["easy"]})
+    layout = network_layout(config, spec.n_features)
     twin = Twin(layout)
     twin.load(export_parameters(build_network(config, layout.n_features, layout.n_actions, seed=0)))
-    level = LevelSupply().training("easy", 0)
-    play(Rollouts(MAX_TRAINS), level, Acting(twin, epsilon=0.5))
-    world = CompiledWorld(1, level.n_trains)
+    level = LevelSupply(spec.levels).training("easy", 0)
+    world = compiled_world(spec, "legacy", level.n_trains)
+    play(Rollouts(world), level, Acting(twin, epsilon=0.5))
     world.load(0, level)
     world.observe_deciding()
     twin.in_episode(0.5, 0, twin.zero_state(level.n_trains))(world.observe(0, 0), 0, 0)

@@ -1,7 +1,7 @@
 # ruff: noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
-"""Acting with a network's compiled twin: outputs and choices for a batch of trains, each as if it were alone."""
+"""Acting with a network or its compiled twin: choices for a batch of trains, each as if it were alone."""
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,40 +58,34 @@ def choose_rows(
         log_probabilities[row] = log_probability(scores, action) if header[0] == ACTOR_CRITIC else 0.0
 
 
-class Twin:
-    """A network for acting: `load` its parameters, then ask for outputs or choices."""
+class Chooser(Protocol):
+    """A network for acting: outputs of one row at a time, so that a train acts as if it were alone.
 
-    def __init__(self, layout: Layout) -> None:
-        self.layout = layout
-        self.header = layout.header
-        self.parameters = np.zeros(0, np.float32)
+    Attributes:
+        header: of the network, see `common.policy.packing`.
+        n_state: S, numbers that a train carries from one decision to the next.
+    """
+
+    header: NDArray[np.int64]
+    n_state: int
 
     def load(self, tensors: Arrays) -> None:
-        """Take over parameters, by the names that `export_parameters` gives them.
-
-        Raises:
-            KeyError, ValueError: as `Layout.pack`.
-        """
-        self.parameters = self.layout.pack(tensors)
-
-    def zero_state(self, rows: int) -> NDArray[np.float32]:
-        """[R, S]: what trains carry along before their first decision; S is 0 but for recurrent networks."""
-        return np.zeros((rows, self.layout.n_state), np.float32)
+        """Take over parameters, by the names that `export_parameters` gives them."""
 
     def outputs(
         self, observations: NDArray[np.float32], state: NDArray[np.float32] | None = None
     ) -> NDArray[np.float32]:
         """The outputs [R, O] of observations [R, F]; state [R, S] is carried on in place, zero if not given."""
-        if len(self.parameters) == 0:
-            raise ValueError("the twin has no parameters: load some first")
-        if observations.ndim != 2 or observations.shape[1] != self.layout.n_features:
-            raise ValueError(f"observations have shape {observations.shape}, not [R, {self.layout.n_features}]")
-        state = self.zero_state(len(observations)) if state is None else state
-        if state.shape != (len(observations), self.layout.n_state):
-            raise ValueError(f"state has shape {state.shape}, not {(len(observations), self.layout.n_state)}")
-        out = np.empty((len(observations), self.layout.n_outputs), np.float32)
-        forward(self.header, self.parameters, np.require(observations, np.float32, ["C", "W"]), state, out)
-        return out
+        raise NotImplementedError
+
+    @property
+    def is_policy(self) -> bool:
+        """Outputs are logits and the state's value; else action values."""
+        return bool(self.header[0] == ACTOR_CRITIC)
+
+    def zero_state(self, rows: int) -> NDArray[np.float32]:
+        """[R, S]: what trains carry along before their first decision; S is 0 but for recurrent networks."""
+        return np.zeros((rows, self.n_state), np.float32)
 
     def act(
         self,
@@ -117,7 +111,40 @@ class Twin:
             counters = np.array([draw_counter(step, len(states), train)], np.uint64)
             state = states[train : train + 1]
             choices = self.act(observation[None], epsilons, keys, counters, state, greedy=greedy)
-            value = float(choices.outputs[0, -1]) if self.layout.kind == "actor-critic" else 0.0
+            value = float(choices.outputs[0, -1]) if self.is_policy else 0.0
             return Decision(int(choices.actions[0]), float(choices.log_probabilities[0]), value)
 
         return decide
+
+
+class Twin(Chooser):
+    """A network's compiled twin: `load` its parameters, then ask for outputs or choices."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self.header = layout.header
+        self.n_state = layout.n_state
+        self.parameters = np.zeros(0, np.float32)
+
+    def load(self, tensors: Arrays) -> None:
+        """Take over parameters, by the names that `export_parameters` gives them.
+
+        Raises:
+            KeyError, ValueError: as `Layout.pack`.
+        """
+        self.parameters = self.layout.pack(tensors)
+
+    def outputs(
+        self, observations: NDArray[np.float32], state: NDArray[np.float32] | None = None
+    ) -> NDArray[np.float32]:
+        """The outputs [R, O] of observations [R, F]; state [R, S] is carried on in place, zero if not given."""
+        if len(self.parameters) == 0:
+            raise ValueError("the twin has no parameters: load some first")
+        if observations.ndim != 2 or observations.shape[1] != self.layout.n_features:
+            raise ValueError(f"observations have shape {observations.shape}, not [R, {self.layout.n_features}]")
+        state = self.zero_state(len(observations)) if state is None else state
+        if state.shape != (len(observations), self.layout.n_state):
+            raise ValueError(f"state has shape {state.shape}, not {(len(observations), self.layout.n_state)}")
+        out = np.empty((len(observations), self.layout.n_outputs), np.float32)
+        forward(self.header, self.parameters, np.require(observations, np.float32, ["C", "W"]), state, out)
+        return out

@@ -18,7 +18,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from common.config import NetworkConfig
+from common.rules.settings import NetworkConfig
 from common.seeding import stream_key
 
 

@@ -1,20 +1,23 @@
 """Playing leased episodes with whichever engine the run has; both give the same episodes, to the bit."""
 
 from collections.abc import Callable
-from typing import Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from common.config import NetworkConfig
+from common.config import RunConfig
+from common.levels.distributions import Rules
 from common.levels.level import Level
-from common.policy.compiled import Twin
+from common.policy.compiled import Chooser, Twin
 from common.policy.packing import Layout
-from common.rail.normalise import N_FEATURES
-from common.rail.play import Recording, Stage
+from common.rail.compiled.world import CompiledWorld
+from common.rail.play import Stage
 from common.rail.world import N_ACTIONS
+from common.records.course import Course
+from common.rules.settings import NetworkConfig
+from common.world import WorldSpec
 
-MAX_TRAINS = 7  # of the hardest difficulty
 NO_ACTIONS = np.zeros(0, np.int8)
 Engine = Literal["compiled", "flatland"]
 
@@ -25,7 +28,7 @@ class Acting(NamedTuple):
     Policies are sampled, action values taken epsilon-greedily, unless `greedy`.
     """
 
-    twin: Twin
+    twin: Chooser
     epsilon: float = 0.0
     key: int = 0
     greedy: bool = False
@@ -34,40 +37,96 @@ class Acting(NamedTuple):
 class Player(Protocol):
     """Plays one episode at a time, whole or in fragments; `states` [N, S] are what recurrent networks carry along."""
 
-    def begin(self, level: Level, actions: NDArray[np.int8] = NO_ACTIONS, steps: int = 0) -> None:
+    def begin(
+        self, level: Level, malfunction_seed: int = 0, actions: NDArray[np.int8] = NO_ACTIONS, steps: int = 0
+    ) -> None:
         """Start an episode and take its first `steps`, with the `actions` of all decisions in them.
 
         Raises:
             ValueError: there are more or fewer decisions than actions, or more trains than there is room for.
         """
 
-    def advance(self, acting: Acting, states: NDArray[np.float32], steps: int | None = None) -> Recording:
+    def advance(self, acting: Acting, states: NDArray[np.float32], steps: int | None = None) -> Course:
         """Play on, to the end or for at most `steps`; `states` are carried on in place."""
 
 
-def play(player: Player, level: Level, acting: Acting) -> Recording:
+def play(player: Player, level: Level, acting: Acting, malfunction_seed: int = 0) -> Course:
     """A whole episode."""
-    player.begin(level)
+    player.begin(level, malfunction_seed)
     return player.advance(acting, acting.twin.zero_state(level.n_trains))
 
 
-def network_layout(config: NetworkConfig) -> Layout:
+def network_layout(config: NetworkConfig, n_features: int) -> Layout:
     """How the run's network is laid out for its compiled twin."""
-    return Layout(config.kind, N_FEATURES, N_ACTIONS, config.hidden)
+    return Layout(config.kind, n_features, N_ACTIONS, config.hidden)
 
 
-def player(engine: Engine, max_trains: int, on_step: Callable[[], None] = lambda: None) -> Player:
-    """What plays with an engine. `on_step` is called before every step, or before a fragment that takes milliseconds.
+def player(
+    engine: Engine,
+    world: WorldSpec,
+    rules: Rules,
+    max_trains: int,
+    on_step: Callable[[], None] = lambda: None,
+    *,
+    has_twin: bool = True,
+) -> Player:
+    """What plays levels of a rule set, with at most so many trains, under the conditions of a world.
 
-    Each engine spares the other's imports.
+    `on_step` is called before every step, or before a fragment that takes milliseconds. Networks without a compiled
+    twin choose step by step on either engine. Each engine spares the other's imports.
     """
     if engine == "compiled":
         from common.policy.rollout import Rollouts  # noqa: PLC0415
 
-        return Rollouts(max_trains, on_step)
+        compiled = compiled_world(world, rules, max_trains)
+        return Rollouts(compiled, on_step) if has_twin else Stepped(Stage(compiled, on_step))
     from common.rail.flatland_world import FlatlandWorld  # noqa: PLC0415
 
-    return Stepped(Stage(FlatlandWorld(slots=1, max_trains=max_trains), on_step))
+    return Stepped(Stage(FlatlandWorld(1, max_trains, **conditions(world, rules)), on_step))
+
+
+def compiled_world(world: WorldSpec, rules: Rules, max_trains: int) -> CompiledWorld:
+    """A compiled world of one slot under the conditions of a world."""
+    return CompiledWorld(1, max_trains, **conditions(world, rules))
+
+
+def conditions(world: WorldSpec, rules: Rules) -> dict[str, Any]:
+    """The arguments of both engines' worlds."""
+    return {
+        "rules": rules,
+        "observation": world.observation,
+        "decisions": world.decisions,
+        "reward": world.reward,
+        "bounds": world.bounds,
+    }
+
+
+def chooser_of(config: RunConfig) -> Chooser:
+    """The network of a run, to act with: the compiled twin, or the rule's own module."""
+    n_features = config.world.n_features
+    module = config.learning.module(n_features, N_ACTIONS, config.seed)
+    if module is None:
+        return Twin(network_layout(config.learning.network, n_features))
+    from common.policy.modules import ModuleChooser  # noqa: PLC0415  (torch takes seconds)
+
+    return ModuleChooser(module, n_features, N_ACTIONS, is_policy=config.learning.has_probabilities)
+
+
+class Players:
+    """A player for each of a run's level distributions, made when it is first asked for."""
+
+    def __init__(self, config: RunConfig, chooser: Chooser, on_step: Callable[[], None] = lambda: None) -> None:
+        self._config, self._has_twin, self._on_step = config, isinstance(chooser, Twin), on_step
+        self._made: dict[str, Player] = {}
+
+    def of(self, name: str) -> Player:
+        """The player of a distribution."""
+        if name not in self._made:
+            world = self._config.world
+            rules, trains = world.levels[name].rules, world.levels[name].bounds.trains
+            engine = self._config.engine
+            self._made[name] = player(engine, world, rules, trains, self._on_step, has_twin=self._has_twin)
+        return self._made[name]
 
 
 class Stepped:
@@ -76,9 +135,11 @@ class Stepped:
     def __init__(self, stage: Stage) -> None:
         self._stage = stage
 
-    def begin(self, level: Level, actions: NDArray[np.int8] = NO_ACTIONS, steps: int = 0) -> None:
-        self._stage.begin(level, actions, steps)
+    def begin(
+        self, level: Level, malfunction_seed: int = 0, actions: NDArray[np.int8] = NO_ACTIONS, steps: int = 0
+    ) -> None:
+        self._stage.begin(level, malfunction_seed, actions, steps)
 
-    def advance(self, acting: Acting, states: NDArray[np.float32], steps: int | None = None) -> Recording:
+    def advance(self, acting: Acting, states: NDArray[np.float32], steps: int | None = None) -> Course:
         choose = acting.twin.in_episode(acting.epsilon, acting.key, states, greedy=acting.greedy)
         return self._stage.advance(choose, states, steps)

@@ -11,8 +11,8 @@ import math
 import torch
 from torch import Tensor, nn
 
-from common.config import NetworkConfig
 from common.policy.networks import dueling_values, linear_layer
+from common.rules.settings import NetworkConfig
 from common.seeding import stream_key
 
 State = tuple[Tensor, Tensor]  # hidden and cell state, [B, H] each

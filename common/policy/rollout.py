@@ -6,7 +6,7 @@ compiled code instead of from Python.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,39 +14,18 @@ from numpy.typing import NDArray
 from common.kernel import bare_kernel, kernel
 from common.levels.level import Level
 from common.policy.choosing import choose, draw_counter, log_probability
+from common.policy.compiled import Twin
 from common.policy.packing import ACTOR_CRITIC
 from common.policy.player import NO_ACTIONS, Acting
 from common.policy.twin import forward_row, workspace_size
 from common.rail.compiled.batches import step_all
-from common.rail.compiled.looking import look
-from common.rail.compiled.tree import N_NODE_FEATURES
 from common.rail.compiled.world import CompiledWorld, Parts
-from common.rail.play import NONE, Recording
+from common.rail.observations.table import look
 from common.rail.world import MOVE_FORWARD
+from common.records.course import NONE, Course, Decisions, columns
 
-_NONE = NONE
-
-
-class Notes(NamedTuple):
-    """Where compiled code writes what happens; room for all decisions of an episode.
-
-    Attributes:
-        vectors: [room, nodes, 12], what was seen, a decision a row.
-        times: [room].
-        trains: [room].
-        actions: [room].
-        log_probabilities: [room].
-        values: [room].
-        rewards: [step limit, N].
-    """
-
-    vectors: NDArray[np.float32]
-    times: NDArray[np.int32]
-    trains: NDArray[np.int32]
-    actions: NDArray[np.int8]
-    log_probabilities: NDArray[np.float32]
-    values: NDArray[np.float32]
-    rewards: NDArray[np.float32]
+ROOM_BYTES = 8 << 20  # of what is noted before Python takes it away: the study's episodes fit in
+ROOM_STEPS = 2048
 
 
 @bare_kernel
@@ -54,16 +33,15 @@ def tick(
     parts: Parts, doing: NDArray[np.int8], gained: NDArray[np.float32], step: int, arrived_at: NDArray[np.int32]
 ) -> None:
     """One step of slot 0, and who arrived on it."""
-    step_all(
-        parts.batch, doing, gained, parts.deciding, parts.arrived, parts.over, parts.decisions, parts.legacy, False
-    )
+    flags = parts.deciding, parts.arrived, parts.over
+    step_all(parts.batch, doing, gained, *flags, parts.decisions, parts.legacy, parts.reward, False)
     for train in range(len(arrived_at)):
-        if parts.arrived[0, train] and arrived_at[train] == _NONE:
+        if parts.arrived[0, train] and arrived_at[train] == NONE:
             arrived_at[train] = step
 
 
 @kernel
-def follow(parts: Parts, actions: NDArray[np.int8], steps: int, arrived_at: NDArray[np.int32]) -> int:
+def repeat(parts: Parts, actions: NDArray[np.int8], steps: int, arrived_at: NDArray[np.int32]) -> int:
     """Take the first `steps` of an episode with the actions [D] of its decisions, unseen; returns how many there were.
 
     Args:
@@ -97,10 +75,11 @@ def run(
     key: np.uint64,
     first_step: int,
     last_step: int,
-    notes: Notes,
+    notes: Any,
+    rewards: NDArray[np.float32],
     arrived_at: NDArray[np.int32],
 ) -> tuple[int, int]:
-    """Run slot 0 until its episode is over or `last_step` is reached; returns the numbers of decisions D and steps T.
+    """Run slot 0 until its episode is over, or `last_step` is reached, or there may be no room for another step.
 
     Args:
         parts: a world of one slot, `first_step` steps into its episode.
@@ -112,8 +91,12 @@ def run(
         key: of the episode's stream of exploration.
         first_step: steps of the episode before.
         last_step: where to stop if the episode goes on.
-        notes: overwritten.
+        notes: `common.records.course.Columns` with room for at least N decisions; overwritten.
+        rewards: [room, at least N], overwritten.
         arrived_at: [N], the step on which a train arrived, -1 for none; carried on.
+
+    Returns:
+        The numbers of decisions and of steps that were noted.
     """
     size = workspace_size(header)
     places, values, sums = np.empty(size, np.int64), np.empty(size, np.float32), np.empty(size, np.float32)
@@ -123,6 +106,8 @@ def run(
     gained = np.empty(parts.deciding.shape, np.float32)
     decisions, step = 0, first_step
     while step < last_step and not parts.over[0]:
+        if decisions + n_trains > len(notes.times) or step - first_step == len(rewards):
+            break
         doing[0, :] = MOVE_FORWARD
         asking = 0
         for train in range(n_trains):
@@ -130,12 +115,11 @@ def run(
                 notes.times[decisions + asking], notes.trains[decisions + asking] = step, train
                 asking += 1
         if asking:
-            seen = notes.vectors[decisions : decisions + asking]
-            look(parts.batch, parts.sight, parts.deciding, parts.tree, parts.depth, seen)
+            seen = notes.observations[decisions : decisions + asking]
+            look(parts.batch, parts.sight, parts.observation, parts.deciding, seen)
             for row in range(asking):
                 at, train = decisions + row, notes.trains[decisions + row]
-                x = seen[row].reshape(seen[row].size)
-                forward_row(header, parameters, x, states[train], out, places, values, sums)
+                forward_row(header, parameters, seen[row], states[train], out, places, values, sums)
                 scores = out[:n_actions]
                 counter = np.uint64(draw_counter(step, n_trains, train))
                 action = choose(header, scores, greedy, epsilon, key, counter)
@@ -146,69 +130,96 @@ def run(
             decisions += asking
         tick(parts, doing, gained, step, arrived_at)
         for train in range(n_trains):
-            notes.rewards[step - first_step, train] = gained[0, train]
+            rewards[step - first_step, train] = gained[0, train]
         step += 1
     return decisions, step - first_step
 
 
 class Rollouts:
-    """A `common.policy.player.Player` in compiled code; the arrays that it notes things in are used again."""
+    """A `common.policy.player.Player` in compiled code; the arrays that it notes things in are used again.
 
-    def __init__(self, max_trains: int, on_step: Callable[[], None] = lambda: None) -> None:
-        self._world = CompiledWorld(1, max_trains)
+    They hold what fits into `room_bytes` and `room_steps`; what is longer is noted piece by piece.
+    """
+
+    def __init__(
+        self,
+        world: CompiledWorld,
+        on_step: Callable[[], None] = lambda: None,
+        *,
+        room_bytes: int = ROOM_BYTES,
+        room_steps: int = ROOM_STEPS,
+    ) -> None:
+        """Play in slot 0 of a world."""
+        self._world = world
         self._on_step = on_step
         self._level: Level | None = None
         self._step = 0
         self._arrived_at = np.zeros(0, np.int32)
-        self._notes = self._room(0, 0, 0)
+        n_features = self._world.n_features
+        max_trains = world.max_trains
+        self._notes = columns(max(max_trains, room_bytes // (4 * n_features)), n_features)
+        self._rewards = np.empty((room_steps, max_trains), np.float32)
 
-    def begin(self, level: Level, actions: NDArray[np.int8] = NO_ACTIONS, steps: int = 0) -> None:
+    def begin(
+        self, level: Level, malfunction_seed: int = 0, actions: NDArray[np.int8] = NO_ACTIONS, steps: int = 0
+    ) -> None:
         """See `common.policy.player.Player`."""
-        self._world.load(0, level)
+        self._world.load(0, level, malfunction_seed)
         self._level, self._step = level, steps
         self._arrived_at = np.full(level.n_trains, NONE, np.int32)
-        if follow(self._world.parts(), actions, steps, self._arrived_at) != len(actions):
+        if repeat(self._world.parts(), actions, steps, self._arrived_at) != len(actions):
             raise ValueError(f"{len(actions)} actions do not fit the first {steps} steps of this level")
-        decisions = level.n_trains * level.max_steps
-        if decisions > len(self._notes.actions) or level.max_steps > len(self._notes.rewards):
-            self._notes = self._room(decisions, level.max_steps, self._world.max_trains)
 
-    def advance(self, acting: Acting, states: NDArray[np.float32], steps: int | None = None) -> Recording:
+    def advance(self, acting: Acting, states: NDArray[np.float32], steps: int | None = None) -> Course:
         """See `common.policy.player.Player`."""
         if self._level is None:
             raise ValueError("nothing to advance: begin an episode first")
+        first_step, parts = self._step, self._world.parts()
+        last_step = self._level.max_steps if steps is None else first_step + steps
+        pieces = [self._piece(acting, states, last_step)]
+        while self._step < last_step and not parts.over[0]:
+            pieces.append(self._piece(acting, states, last_step))
+        return Course(
+            level_hash=self._level.content_hash,
+            max_steps=self._level.max_steps,
+            first_step=first_step,
+            over=bool(parts.over[0]),
+            decisions=Decisions.joined([decisions for decisions, _ in pieces]),
+            rewards=np.concatenate([rewards for _, rewards in pieces]),
+            arrived_at=self._arrived_at.copy(),
+            final_observations=self._look_back(parts),
+            states=states.copy(),
+            score=self._score(parts),
+        )
+
+    def _score(self, parts: Parts) -> float | None:
+        score = self._world.score(0) if parts.over[0] else np.nan
+        return None if np.isnan(score) else float(score)
+
+    def _piece(
+        self, acting: Acting, states: NDArray[np.float32], last_step: int
+    ) -> tuple[Decisions, NDArray[np.float32]]:
+        """What happens until `last_step` or the end, as far as there is room to note it; `states` are carried on."""
+        if not isinstance(acting.twin, Twin):
+            raise TypeError(f"{type(acting.twin).__name__} is not compiled: play step by step")
         self._on_step()
-        twin, parts, first_step = acting.twin, self._world.parts(), self._step
-        decisions, taken = run(
-            parts,
-            twin.header,
-            twin.parameters,
+        decisions, steps = run(
+            self._world.parts(),
+            acting.twin.header,
+            acting.twin.parameters,
             states,
             acting.greedy,
             acting.epsilon,
             np.uint64(acting.key),
-            first_step,
-            self._level.max_steps if steps is None else first_step + steps,
+            self._step,
+            last_step,
             self._notes,
+            self._rewards,
             self._arrived_at,
         )
-        self._step += taken
-        notes = self._notes
-        return Recording(
-            level=self._level,
-            first_step=first_step,
-            over=bool(parts.over[0]),
-            observations=notes.vectors[:decisions].reshape(decisions, self._world.n_features).copy(),
-            times=notes.times[:decisions].copy(),
-            trains=notes.trains[:decisions].copy(),
-            actions=notes.actions[:decisions].copy(),
-            log_probabilities=notes.log_probabilities[:decisions].copy(),
-            values=notes.values[:decisions].copy(),
-            rewards=notes.rewards[:taken, : self._level.n_trains].copy(),
-            arrived_at=self._arrived_at.copy(),
-            final_observations=self._look_back(parts),
-            states=states.copy(),
-        )
+        self._step += steps
+        noted = Decisions(**{name: column[:decisions].copy() for name, column in self._notes._asdict().items()})
+        return noted, self._rewards[:steps, : len(self._arrived_at)].copy()
 
     def _look_back(self, parts: Parts) -> NDArray[np.float32]:
         final = np.zeros((len(self._arrived_at), self._world.n_features), np.float32)
@@ -216,18 +227,7 @@ class Rollouts:
         asking[0, : len(self._arrived_at)] = parts.over[0] & (self._arrived_at == NONE)
         count = np.count_nonzero(asking)
         if count:
-            seen = np.empty((count, *self._notes.vectors.shape[1:]), np.float32)
-            look(parts.batch, parts.sight, asking, parts.tree, parts.depth, seen)
-            final[self._arrived_at == NONE] = seen.reshape(count, self._world.n_features)
+            seen = np.empty((count, self._world.n_features), np.float32)
+            look(parts.batch, parts.sight, parts.observation, asking, seen)
+            final[self._arrived_at == NONE] = seen
         return final
-
-    def _room(self, decisions: int, steps: int, trains: int) -> Notes:
-        return Notes(
-            vectors=np.empty((decisions, self._world.n_features // N_NODE_FEATURES, N_NODE_FEATURES), np.float32),
-            times=np.empty(decisions, np.int32),
-            trains=np.empty(decisions, np.int32),
-            actions=np.empty(decisions, np.int8),
-            log_probabilities=np.empty(decisions, np.float32),
-            values=np.empty(decisions, np.float32),
-            rewards=np.empty((steps, trains), np.float32),
-        )

@@ -1,7 +1,7 @@
-"""A flatland-rl 4.3.0 environment whose level is given: the study's rewards and start, no time windows.
+"""A flatland-rl 4.3.0 environment whose level is given, and whose trains start as either set of rules says.
 
-Source: `RailEnv` of flatland-rl 4.3.0 through its own extension points (generators, rewards, effects,
-subclasses). What the study does not need (observations, infos, fractional speeds, malfunctions) is left out, for
+Source: `RailEnv` of flatland-rl 4.3.0 through its own extension points (generators, rewards, effects, subclasses).
+Nobody asks for its observations and infos, and under the rules of 2.2.2 speeds and malfunctions are left out, too, for
 speed.
 """
 
@@ -13,7 +13,10 @@ from types import MethodType
 from typing import Any
 
 import numpy as np
+from flatland.core.effects_generator import EffectsGenerator
 from flatland.core.env_observation_builder import DummyObservationBuilder
+from flatland.envs.malfunction_effects_generators import MalfunctionEffectsGenerator
+from flatland.envs.malfunction_generators import MalfunctionParameters, ParamMalfunctionGen
 from flatland.envs.rail_env import RailEnv
 from flatland.envs.rail_env_action import RailEnvActions
 from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
@@ -21,6 +24,7 @@ from flatland.envs.rewards import Rewards
 from flatland.envs.step_utils.speed_counter import SpeedCounter
 from flatland.envs.step_utils.states import TrainState
 
+from common.levels.distributions import Rules
 from common.levels.level import Level
 from common.rail.plain_env import StartReady, line_of, timetable_of
 from common.rail.world import DO_NOTHING, MOVE_FORWARD, STOP_MOVING
@@ -88,10 +92,22 @@ class _LevelRail(RailGridTransitionMap):
 
 
 class LevelEnv(RailEnv):
-    """A `RailEnv` that plays a `Level`; it may be loaded with another one, of any size, at any time."""
+    """A `RailEnv` that plays a `Level`; it may be loaded with another one, of any size, at any time.
 
-    def __init__(self, level: Level) -> None:
+    Every episode is that of a fresh environment whose generator is `numpy.random.RandomState(malfunction_seed)` when it
+    takes its first step.
+    """
+
+    def __init__(
+        self,
+        level: Level,
+        rules: Rules = "legacy",
+        rewards: Callable[[], Rewards[float]] = StudyRewards,
+        malfunction_seed: int = 0,
+    ) -> None:
         self._level = level
+        self._legacy = rules == "legacy"
+        self._paying = rewards
         height, width = level.grid.shape
         state = random.getstate()
         super().__init__(
@@ -101,20 +117,51 @@ class LevelEnv(RailEnv):
             line_generator=lambda rail, *_args: line_of(self._level, rail),
             timetable_generator=lambda *_args: timetable_of(self._level),
             obs_builder_object=DummyObservationBuilder(),  # type: ignore[no-untyped-call]
-            rewards=StudyRewards(),
+            rewards=rewards(),
             random_seed=0,
             acceleration_delta=Fraction(1),  # the default, a float, is converted in every step
             braking_delta=Fraction(-1),
         )
         random.setstate(state)  # the library seeds the interpreter's own generator
-        self.effects_generator: Any = _StartReady()  # in place of malfunctions
-        self.load(level)
+        self.load(level, malfunction_seed)
 
-    def load(self, level: Level) -> None:
+    def load(self, level: Level, malfunction_seed: int = 0) -> None:
         """Start an episode of `level`."""
         self._level = level
+        self.effects_generator: Any = self._effects()
         self.agent_positions = np.full(level.grid.shape, -1)  # the library makes it once and never clears it
+        self.rewards: Any = self._paying()  # those of the library remember where trains were
         self.reset()
+        self.np_random = np.random.RandomState(malfunction_seed)
+
+    def _effects(self) -> Any:
+        if self._legacy:
+            return _StartReady()
+        malfunctions = None if self._level.schedule is None else self._level.schedule.malfunctions
+        if malfunctions is None:
+            return EffectsGenerator()
+        generator = ParamMalfunctionGen(MalfunctionParameters(*malfunctions))
+        return MalfunctionEffectsGenerator(generator)  # type: ignore[no-untyped-call]
+
+    def _agents_from_line(self, line: Any, rail: Any) -> list[Any]:  # type: ignore[override]
+        """With the speeds and the headings at targets of the level's schedule."""
+        agents: list[Any] = super()._agents_from_line(line, rail)
+        schedule = self._level.schedule
+        if schedule is not None:
+            for agent, speed, headings in zip(agents, schedule.speeds.tolist(), schedule.target_headings, strict=True):
+                agent.speed_counter = SpeedCounter(Fraction(*speed))  # type: ignore[arg-type]
+                agent.targets = {end for end in agent.targets if not headings or headings >> int(end[1]) & 1}
+        return agents
+
+    def _apply_timetable_to_agents(self, agents: list[Any], timetable: Any) -> list[Any]:
+        """With the windows of the level's schedule."""
+        agents = super()._apply_timetable_to_agents(agents, timetable)
+        schedule = self._level.schedule
+        if schedule is not None:
+            for train, agent in enumerate(agents):
+                agent.earliest_departure = int(schedule.earliest_departures[train])
+                agent.latest_arrival = int(schedule.latest_arrivals[train])
+        return agents
 
     def get_info_dict(self) -> dict[str, Any]:
         """Nobody asks for it, and it would take a tenth of a step."""

@@ -1,69 +1,138 @@
-"""The world of the study on flatland-rl 4.3.0: the library steps, under the rules of 2.2.2.
+"""A `World` of either set of rules on flatland-rl 4.3.0: the library steps; nothing here is compiled if it need not be.
 
-Trains decide where `decisions` says so and follow the rails elsewhere; they see `legacy_tree`, as `normalise`
-makes a vector of it. Source of the rules: `flatland_env` and the two modules named.
+It is the judge of `common.rail.compiled.world`: dynamics, stock trees, global maps, delays and scores are the library's
+own; the rules and trees of 2.2.2 come from `flatland_env` and `legacy_tree`; for what nobody else has (local maps,
+repaired trees, shaped rewards) the library's state is copied into the compiled arrays (`mirror`).
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from flatland.envs.rewards import DefaultRewards
 from flatland.envs.step_utils.states import TrainState
 from numpy.typing import NDArray
 
+from common.levels.distributions import Bounds, Rules
 from common.levels.level import Level
+from common.rail.compiled.decisions import Decisions
+from common.rail.compiled.world import STUDY_REWARD, STUDY_TREE
 from common.rail.decisions import decision_cells
-from common.rail.flatland_env import LegacyActions, LevelEnv
-from common.rail.legacy_tree import LegacyTree
-from common.rail.normalise import N_FEATURES, normalise
-from common.rail.world import MOVE_FORWARD
+from common.rail.flatland_env import ACTIONS, LegacyActions, LevelEnv, StudyRewards
+from common.rail.flatland_sights import LegacyTrees, sight_of
+from common.rail.mirror import Mirror
+from common.rail.observations.table import AnyObservation
+from common.rail.orders import orders_of
+from common.rail.rewards.table import AnyReward
+from common.rail.world import MOVE_FORWARD, check_level
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What episodes have in common; see `FlatlandWorld`."""
+
+    rules: Rules = "legacy"
+    observation: AnyObservation = STUDY_TREE
+    decisions: Decisions = "cells"
+    reward: AnyReward = STUDY_REWARD
+    bounds: Bounds | None = None
+
+
+STUDY = Settings()
 
 
 class FlatlandEpisode:
     """Episodes of one slot, one after the other: `load` a level, then `step` with an action a train."""
 
-    def __init__(self, level: Level) -> None:
-        self._env: Any = LevelEnv(level)
+    def __init__(self, level: Level, settings: Settings = STUDY, malfunction_seed: int = 0) -> None:
+        orders_of(level, legacy=settings.rules == "legacy")
+        self._settings = settings
+        study = settings.rules == "legacy" and settings.reward.kind != "delay"
+        rewards: Any = StudyRewards if study else DefaultRewards
+        self._env: Any = LevelEnv(level, settings.rules, rewards, malfunction_seed)
         self._start(level)
 
-    def load(self, level: Level) -> None:
-        self._env.load(level)
+    def load(self, level: Level, malfunction_seed: int = 0) -> None:
+        orders_of(level, legacy=self._settings.rules == "legacy")
+        self._env.load(level, malfunction_seed)
         self._start(level)
 
     def _start(self, level: Level) -> None:
+        settings = self._settings
         self.level = level
         self.over = False
         self._agents: list[Any] = self._env.agents
-        self._actions = LegacyActions(self._env)
+        self._actions = LegacyActions(self._env) if settings.rules == "legacy" else None
         self._cells = decision_cells(level.grid)
-        self._tree = LegacyTree(level)
-        self._tree_is_current = False
+        self._delays = np.zeros(level.n_trains)
+        told = settings.observation, settings.rules, settings.bounds
+        sight = sight_of(*told, self._env, level)
+        self._mirror: Mirror | None = None
+        if sight is None or settings.reward.kind == "shaped":
+            self._mirror = Mirror(self._env, level, *told, settings.reward)
+        self._sight: Any = self._mirror if sight is None else sight
+        self._look()
 
     def step(self, actions: Sequence[int]) -> list[float]:
         """One step: the trains' rewards. A committed train follows its earlier action instead."""
-        self._actions.step(actions)
-        self._tree_is_current = False
+        if self._actions is None:
+            self._env.step({train: ACTIONS[action] for train, action in enumerate(actions)})
+        else:
+            self._actions.step(actions)
         self.over = self._env.dones["__all__"]
-        rewards = self._env.rewards_dict
-        return [rewards[train] for train in range(self.level.n_trains)]
+        self._look()
+        paid = [self._env.rewards_dict[train] for train in range(self.level.n_trains)]
+        kind, is_legacy = self._settings.reward.kind, self._actions is not None
+        if not is_legacy:
+            self._delays += np.array(paid, np.float64)
+        if kind == "shaped" and self._mirror is not None:
+            rewards: list[float] = self._mirror.rewards().tolist()
+            return rewards
+        return self._study_rewards() if kind == "study" and not is_legacy else paid
+
+    def _look(self) -> None:
+        if self._mirror is not None and self._mirror is not self._sight:
+            self._mirror.update()
+        self._sight.update()
+
+    def _study_rewards(self) -> list[float]:
+        all_arrived = float(all(self.arrived()))
+        return [all_arrived - (not arrived) for arrived in self.arrived()]
+
+    def score(self) -> float:
+        """See `World.score`."""
+        if self._actions is not None or not self.over:
+            return float("nan")
+        size = {"num_agents": self.level.n_trains, "max_episode_steps": self.level.max_steps}
+        return float(DefaultRewards().normalize(*self._delays, **size))
 
     def deciding(self) -> list[bool]:
-        """Trains that may depart, and those on a decision cell that are not committed to an action."""
-        pairs = zip(self._agents, self._actions.committed, strict=True)
-        return [self._decides(agent, committed) for agent, committed in pairs]
+        """Trains that may depart, and those on the map that the rule of decisions names, if not committed."""
+        committed = self.committed()
+        return [self._decides(agent, committed[train]) for train, agent in enumerate(self._agents)]
 
-    def _decides(self, agent: Any, committed: int | None) -> bool:
+    def _decides(self, agent: Any, committed: bool) -> bool:
         here = agent.current_configuration
         if here is None:
             return bool(agent.state == TrainState.READY_TO_DEPART)
+        if committed:
+            return False
+        if self._settings.decisions == "legacy":
+            return True
+        if not agent.speed_counter.is_cell_exit(agent.speed_counter.max_speed):
+            return False
         (row, column), heading = here
-        return committed is None and bool(self._cells[row, column, heading])
+        may = self._cells[row, column, heading] and not agent.malfunction_handler.in_malfunction
+        return self._settings.decisions == "always" or bool(may)
 
     def arrived(self) -> list[bool]:
         return [agent.state == TrainState.DONE for agent in self._agents]
 
     def committed(self) -> list[bool]:
         """Trains that try again what they were hindered from."""
+        if self._actions is None:
+            return [False] * self.level.n_trains
         return [action is not None for action in self._actions.committed]
 
     def configurations(self) -> list[tuple[int, int, int] | None]:
@@ -71,45 +140,50 @@ class FlatlandEpisode:
         places = (agent.current_configuration for agent in self._agents)
         return [None if here is None else (*here[0], int(here[1])) for here in places]
 
-    def tree(self, train: int) -> NDArray[np.float32]:
-        """[21, 12]: the raw tree observation of a train that has not arrived."""
-        if not self._tree_is_current:
-            self._update_tree()
-            self._tree_is_current = True
-        return self._tree.tree(train)
+    def observe(self, train: int) -> NDArray[np.float32]:
+        """[F]: what a train sees that has not arrived."""
+        if self._actions is not None and self.arrived()[train]:
+            raise ValueError(f"train {train} has arrived: it sees nothing")
+        vector: NDArray[np.float32] = self._sight.observe(train)
+        return vector
 
-    def _update_tree(self) -> None:
-        width = self.level.grid.shape[1]
-        places: list[int | None] = []
-        for agent in self._agents:
-            here = agent.current_configuration
-            if here is None and agent.state != TrainState.DONE:
-                here = agent.initial_configuration
-            places.append(None if here is None else (here[0][0] * width + here[0][1]) * 4 + int(here[1]))
-        self._tree.update(places, [agent.current_configuration is not None for agent in self._agents])
+    def tree(self, train: int) -> NDArray[np.float32]:
+        """[nodes, 12]: the raw tree observation of a train that has not arrived, under legacy rules."""
+        if not isinstance(self._sight, LegacyTrees):
+            raise TypeError("raw trees are those of 2.2.2")
+        return self._sight.tree(train)
 
 
 class FlatlandWorld:
-    """A `World` on flatland-rl, one `RailEnv` a slot."""
+    """A `World` on flatland-rl, one `RailEnv` a slot; its arguments are those of `CompiledWorld`."""
 
-    n_features = N_FEATURES
-
-    def __init__(self, slots: int, max_trains: int) -> None:
+    def __init__(  # noqa: PLR0913
+        self,
+        slots: int,
+        max_trains: int,
+        *,
+        rules: Rules = "legacy",
+        observation: AnyObservation = STUDY_TREE,
+        decisions: Decisions = "cells",
+        reward: AnyReward = STUDY_REWARD,
+        bounds: Bounds | None = None,
+    ) -> None:
         self.slots = slots
         self.max_trains = max_trains
+        self.n_features = observation.n_features(bounds)
+        self._settings = Settings(rules, observation, decisions, reward, bounds)
         self._episodes: list[FlatlandEpisode | None] = [None] * slots
         self._deciding = np.zeros((slots, max_trains), dtype=np.bool_)
         self._arrived = np.zeros((slots, max_trains), dtype=np.bool_)
         self._over = np.ones(slots, dtype=np.bool_)
 
-    def load(self, slot: int, level: Level) -> None:
-        if level.n_trains > self.max_trains:
-            raise ValueError(f"the level has {level.n_trains} trains, the world has room for {self.max_trains}")
+    def load(self, slot: int, level: Level, malfunction_seed: int = 0) -> None:
+        check_level(level, self.max_trains, self._settings.bounds)
         episode = self._episodes[slot]
         if episode is None:
-            episode = self._episodes[slot] = FlatlandEpisode(level)
+            episode = self._episodes[slot] = FlatlandEpisode(level, self._settings, malfunction_seed)
         else:
-            episode.load(level)
+            episode.load(level, malfunction_seed)
         self._deciding[slot] = self._arrived[slot] = False
         self._look(slot, episode)
 
@@ -117,10 +191,11 @@ class FlatlandWorld:
         return self._deciding.copy()
 
     def observe(self, slot: int, train: int) -> NDArray[np.float32]:
+        return self._episode(slot).observe(train)
+
+    def score(self, slot: int) -> float:
         episode = self._episodes[slot]
-        if episode is None:
-            raise ValueError(f"slot {slot} was never loaded")
-        return normalise(episode.tree(train))
+        return float("nan") if episode is None else episode.score()
 
     def step(self, actions: NDArray[np.int8]) -> NDArray[np.float32]:
         rewards = np.zeros((self.slots, self.max_trains), dtype=np.float32)
@@ -137,6 +212,12 @@ class FlatlandWorld:
 
     def over(self) -> NDArray[np.bool_]:
         return self._over.copy()
+
+    def _episode(self, slot: int) -> FlatlandEpisode:
+        episode = self._episodes[slot]
+        if episode is None:
+            raise ValueError(f"slot {slot} was never loaded")
+        return episode
 
     def _look(self, slot: int, episode: FlatlandEpisode) -> None:
         """Take over what has become of a slot."""

@@ -1,4 +1,4 @@
-"""A flatland-rl 4.3.0 environment as a `Level` and its `Traffic`, for the compiled world.
+"""A flatland-rl 4.3.0 environment as a `Level`, for the compiled world.
 
 What the compiled world does not know is refused by name: level-free crossings, trains that stay at their targets,
 accelerations other than 1 and -1, effects other than the library's plain malfunctions.
@@ -10,17 +10,19 @@ import numpy as np
 from flatland.envs.malfunction_effects_generators import MalfunctionEffectsGenerator
 from flatland.envs.rail_env import RailEnv
 
-from common.levels.level import Level
-from common.rail.compiled.malfunctions import Malfunctions, generator_of, words_of
-from common.rail.compiled.traffic import Traffic
+from common.levels.level import Level, Malfunctions, Schedule
 
 
 class UnsupportedEnvironmentError(ValueError):
     """The environment does something that the compiled world does not."""
 
 
-def level_of(env: RailEnv) -> Level:
-    """The level that `env` was reset to.
+def level_of(env: RailEnv, *, with_schedule: bool = True) -> Level:
+    """The level that `env` was reset to; nothing is drawn from its generator.
+
+    Args:
+        env: at its first step.
+        with_schedule: also how trains run; else effects of any kind will do.
 
     Raises:
         UnsupportedEnvironmentError: see the module.
@@ -47,20 +49,19 @@ def level_of(env: RailEnv) -> Level:
         starts=np.array(starts, np.int32),
         targets=np.array([next(iter(cells)) for cells in targets], np.int32),
         max_steps=int(max_steps),
+        schedule=_schedule_of(env) if with_schedule else None,
     )
 
 
-def traffic_of(env: RailEnv) -> Traffic:
-    """How the trains of `env` run from its first step on; nothing is drawn from its generator.
-
-    Raises:
-        UnsupportedEnvironmentError: see the module.
-    """
+def _schedule_of(env: RailEnv) -> Schedule:
     agents: Any = env.agents
-    return Traffic(
-        speeds=[agent.speed_counter.max_speed for agent in agents],
-        departures=[int(agent.earliest_departure) for agent in agents],
-        target_headings=[[int(heading) for _, heading in agent.targets] for agent in agents],
+    speeds = [agent.speed_counter.max_speed for agent in agents]
+    headings = [{int(heading) for _, heading in agent.targets} for agent in agents]
+    return Schedule(
+        speeds=np.array([(speed.numerator, speed.denominator) for speed in speeds], np.int32),
+        earliest_departures=np.array([agent.earliest_departure for agent in agents], np.int32),
+        latest_arrivals=np.array([agent.latest_arrival for agent in agents], np.int32),
+        target_headings=np.array([sum(1 << heading for heading in some) for some in headings], np.int32),
         malfunctions=_malfunctions_of(env),
     )
 
@@ -70,12 +71,5 @@ def _malfunctions_of(env: RailEnv) -> Malfunctions | None:
     effects = world.effects_generator
     if type(effects) is not MalfunctionEffectsGenerator:
         raise UnsupportedEnvironmentError(f"effects of {type(effects).__name__}")
-    generator = effects.malfunction_generator
-    rate, shortest, longest = generator.get_process_data()
-    if rate <= 0:
-        return None
-    rng = generator_of(words_of(world.np_random))
-    if generator._cached_rand is None:  # noqa: SLF001  (it draws them at the first step)
-        return Malfunctions.drawn(rate, shortest, longest, rng)
-    broken = np.packbits(generator._cached_rand < generator._malfunction_prob)  # noqa: SLF001
-    return Malfunctions(broken, shortest, longest, generator._rand_idx, words_of(rng))  # noqa: SLF001
+    rate, shortest, longest = effects.malfunction_generator.get_process_data()
+    return Malfunctions(rate, shortest, longest) if rate > 0 else None

@@ -1,4 +1,4 @@
-"""The tree observation of flatland-rl 2.2.2, depth 2, over tables of the level; not built on the library.
+"""The tree observation of flatland-rl 2.2.2, over tables of the level; not built on the library.
 
 Source: `TreeObsForRailEnv` and `ShortestPathPredictorForRailEnv` of flatland-rl 2.2.2. Unlike 4.3.0's, the
 predicted conflicts are live, trains that have arrived are invisible, and speeds are constant (here 1, without
@@ -18,12 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.levels.level import Level
+from common.rail.compiled.tree import N_NODE_FEATURES, nodes_of
 from common.rail.decisions import STEPS, exits
-from common.rail.normalise import N_NODE_FEATURES, N_NODES
 
 PREDICTED_STEPS = 30
-DEPTH = 2
-SUBTREE_NODES = 5  # a child of the root and its own four children
 NO_MALFUNCTION, FULL_SPEED = 0.0, 1.0
 NORTH_SOUTH_EAST_WEST = 0b1000010000100001  # a diamond crossing, which flatland does not take for a switch
 
@@ -119,8 +117,9 @@ class _Rails:
 class LegacyTree:
     """Trees of the trains of one level; `update` says where the trains are, `tree` looks from one of them."""
 
-    def __init__(self, level: Level) -> None:
+    def __init__(self, level: Level, depth: int = 2) -> None:
         self._rails = _Rails(level)
+        self._nodes = nodes_of(depth)
         self._distances = [self._rails.distances(cell) for cell in self._rails.targets]
         self._forecasts: list[dict[int, _Forecast]] = [{} for _ in self._rails.targets]
         self._hops: list[dict[int, int]] = [{} for _ in self._rails.targets]
@@ -144,24 +143,25 @@ class LegacyTree:
         ]
 
     def tree(self, train: int) -> NDArray[np.float32]:
-        """[21, 12]: the raw features that `train` sees, NaN where there is no node."""
+        """[nodes, 12]: the raw features that `train` sees, NaN where there is no node."""
         here = self._now[train]
         if here is None:
             raise ValueError(f"train {train} has arrived: it sees nothing")
-        nodes = np.full((N_NODES, N_NODE_FEATURES), np.nan, dtype=np.float32)
+        nodes = np.full((self._nodes, N_NODE_FEATURES), np.nan, dtype=np.float32)
         distance = self._distances[train][here]
         nodes[0] = (0, 0, 0, 0, 0, 0, distance, 0, 0, NO_MALFUNCTION, FULL_SPEED, 0)
         ways = self._rails.exits[here]
         facing = ways[0] if len(ways) == 1 else here & 3
+        size = self._nodes >> 2  # of a child and all below it
         for heading in ways:
-            node = 1 + (heading - facing + 1) % 4 * SUBTREE_NODES
-            self._branch(nodes, node, train, self._rails.after(here, heading), steps=1, depth=1)
+            node = 1 + (heading - facing + 1) % 4 * size
+            self._branch(nodes, node, train, self._rails.after(here, heading), steps=1, size=size)
         return nodes
 
     def _branch(  # noqa: PLR0913
-        self, nodes: NDArray[np.float32], node: int, train: int, start: int, *, steps: int, depth: int
+        self, nodes: NDArray[np.float32], node: int, train: int, start: int, *, steps: int, size: int
     ) -> None:
-        """Write the node of the stretch from `start`, which is `steps` away, and the nodes below it."""
+        """Write the node of the stretch from `start`, which is `steps` away, and the nodes below it, in all `size`."""
         stretch = self._rails.stretch(start)
         own, other, length = self._targets(stretch, train)
         last = stretch.configurations[length - 1]
@@ -186,12 +186,13 @@ class LegacyTree:
             FULL_SPEED,
             ready,
         )
-        if depth == DEPTH or arrives or stretch.end == _LOOP:
+        if size == 1 or arrives or stretch.end == _LOOP:
             return
         facing = (last & 3) + (2 if stretch.end == _DEAD_END else 0)  # a dead end is left backwards, as "forward"
+        size >>= 2
         for heading in self._rails.exits[last]:
-            below = node + 1 + (heading - facing + 1) % 4
-            self._branch(nodes, below, train, self._rails.after(last, heading), steps=end_steps + 1, depth=depth + 1)
+            below = node + 1 + (heading - facing + 1) % 4 * size
+            self._branch(nodes, below, train, self._rails.after(last, heading), steps=end_steps + 1, size=size)
 
     def _targets(self, stretch: _Stretch, train: int) -> tuple[int | None, int | None, int]:
         """Where the own and the first other target are, and how many cells count: up to the own target."""

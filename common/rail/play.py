@@ -1,7 +1,6 @@
-"""Playing episodes: a level and choices in, recordings out; an episode whole, or one fragment after the other."""
+"""Playing episodes: a level and choices in, courses out; an episode whole, or one fragment after the other."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -9,8 +8,7 @@ from numpy.typing import NDArray
 
 from common.levels.level import Level
 from common.rail.world import MOVE_FORWARD, World
-
-NONE = -1  # not arrived
+from common.records.course import NONE, Course, Decisions
 
 
 class Decision(NamedTuple):
@@ -24,50 +22,6 @@ class Decision(NamedTuple):
 Choose = Callable[[NDArray[np.float32], int, int], Decision]  # observation [F], step, train
 
 
-@dataclass(frozen=True)
-class Recording:
-    """What happened in an episode or a fragment of one, of T steps; its D decisions are in the order of (time, train).
-
-    Attributes:
-        first_step: steps of the episode before.
-        over: the episode has ended.
-        observations: [D, F].
-        times: [D], steps since the start of the episode.
-        trains: [D].
-        actions: [D].
-        log_probabilities: [D], of the actions; zero for networks of action values.
-        values: [D], of what was observed; zero for networks of action values.
-        rewards: [T, N].
-        arrived_at: [N], the step since the start of the episode on which a train arrived, -1 for none so far.
-        final_observations: [N, F], what trains saw that the step limit stopped; else zeros.
-        states: [N, S], what trains carry along.
-    """
-
-    level: Level
-    first_step: int
-    over: bool
-    observations: NDArray[np.float32]
-    times: NDArray[np.int32]
-    trains: NDArray[np.int32]
-    actions: NDArray[np.int8]
-    log_probabilities: NDArray[np.float32]
-    values: NDArray[np.float32]
-    rewards: NDArray[np.float32]
-    arrived_at: NDArray[np.int32]
-    final_observations: NDArray[np.float32]
-    states: NDArray[np.float32]
-
-    @property
-    def last_step(self) -> int:
-        """Steps of the episode so far."""
-        return self.first_step + len(self.rewards)
-
-    @property
-    def normalised_return(self) -> float:
-        """Sum of all rewards / (trains * max steps)."""
-        return float(self.rewards.sum(dtype=np.float64)) / (self.level.n_trains * self.level.max_steps)
-
-
 class Stage:
     """A world of one slot, of any engine, that plays one episode at a time. `on_step` is called before every step."""
 
@@ -78,13 +32,13 @@ class Stage:
         self._step = 0
         self._arrived_at = np.zeros(0, np.int32)
 
-    def begin(self, level: Level, actions: NDArray[np.int8], steps: int) -> None:
+    def begin(self, level: Level, malfunction_seed: int, actions: NDArray[np.int8], steps: int) -> None:
         """Start an episode and take its first `steps`, with the `actions` of all decisions in them.
 
         Raises:
             ValueError: there are more or fewer decisions than actions.
         """
-        self._world.load(0, level)
+        self._world.load(0, level, malfunction_seed)
         self._level, self._step = level, 0
         self._arrived_at = np.full(level.n_trains, NONE, np.int32)
         given = iter(actions.tolist())
@@ -96,40 +50,45 @@ class Stage:
         if next(given, None) is not None:
             raise ValueError(f"{len(actions)} actions do not fit the first {steps} steps of this level")
 
-    def advance(self, choose: Choose, states: NDArray[np.float32], steps: int | None = None) -> Recording:
+    def advance(self, choose: Choose, states: NDArray[np.float32], steps: int | None = None) -> Course:
         """Play on, to the end or for at most `steps`; `states` [N, S] are those that `choose` changes."""
         level, first_step = self._level, self._step
         if level is None:
             raise ValueError("nothing to advance: begin an episode first")
         last_step = level.max_steps if steps is None else first_step + steps
-        observations, marks, decisions, rewards = [], [], [], []
+        observations, marks, chosen, rewards = [], [], [], []
         while self._step < last_step and not self._world.over()[0]:
-            chosen = {}
+            actions = {}
             for train in self._deciding():
                 observation = self._world.observe(0, train)
                 decision = choose(observation, self._step, train)
-                chosen[train] = decision.action
+                actions[train] = decision.action
                 observations.append(observation)
                 marks.append((self._step, train))
-                decisions.append(decision)
-            rewards.append(self._take(chosen))
-        count, n_trains = len(decisions), level.n_trains
+                chosen.append(decision)
+            rewards.append(self._take(actions))
+        count = len(chosen)
         times, trains = np.array(marks, np.int32).reshape(count, 2).T.copy()
-        taken = np.array(decisions).reshape(count, 3).T
-        return Recording(
-            level=level,
-            first_step=first_step,
-            over=bool(self._world.over()[0]),
+        taken = np.array(chosen).reshape(count, 3).T
+        decisions = Decisions(
             observations=np.array(observations, np.float32).reshape(count, self._world.n_features),
             times=times,
             trains=trains,
             actions=taken[0].astype(np.int8),
             log_probabilities=taken[1].astype(np.float32),
             values=taken[2].astype(np.float32),
-            rewards=np.array(rewards, np.float32).reshape(-1, n_trains),
+        )
+        return Course(
+            level_hash=level.content_hash,
+            max_steps=level.max_steps,
+            first_step=first_step,
+            over=bool(self._world.over()[0]),
+            decisions=decisions,
+            rewards=np.array(rewards, np.float32).reshape(-1, level.n_trains),
             arrived_at=self._arrived_at.copy(),
             final_observations=self._look_back(),
             states=states.copy(),
+            score=self._score(),
         )
 
     def _deciding(self) -> list[int]:
@@ -146,6 +105,10 @@ class Stage:
         self._arrived_at[self._world.arrived()[0, :n_trains] & (self._arrived_at == NONE)] = self._step
         self._step += 1
         return rewards
+
+    def _score(self) -> float | None:
+        score = self._world.score(0) if self._world.over()[0] else np.nan
+        return None if np.isnan(score) else float(score)
 
     def _look_back(self) -> NDArray[np.float32]:
         final = np.zeros((len(self._arrived_at), self._world.n_features), np.float32)

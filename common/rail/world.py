@@ -5,6 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from common.levels.distributions import Bounds
 from common.levels.level import Level
 
 N_ACTIONS = 5
@@ -21,8 +22,8 @@ class World(Protocol):
     max_trains: int
     n_features: int
 
-    def load(self, slot: int, level: Level) -> None:
-        """Start an episode of `level` in `slot`."""
+    def load(self, slot: int, level: Level, malfunction_seed: int = 0) -> None:
+        """Start an episode of `level` in `slot`; the seed, of 32 bits, is that of its malfunctions, if it has any."""
         ...
 
     def deciding(self) -> NDArray[np.bool_]:
@@ -30,7 +31,7 @@ class World(Protocol):
         ...
 
     def observe(self, slot: int, train: int) -> NDArray[np.float32]:
-        """[F]: the normalised observation, in [-1, 0], of a train that has not arrived."""
+        """[F]: the observation of a train that has not arrived."""
         ...
 
     def step(self, actions: NDArray[np.int8]) -> NDArray[np.float32]:
@@ -51,3 +52,23 @@ class World(Protocol):
     def over(self) -> NDArray[np.bool_]:
         """[E]: all trains arrived, or the step limit was reached (truncated); true where nothing was ever loaded."""
         ...
+
+    def score(self, slot: int) -> float:
+        """The score that flatland-rl 4.3.0 gives an episode, from 0 to 1, whatever trains are paid.
+
+        NaN before its end, and under other rules.
+        """
+        ...
+
+
+def check_level(level: Level, max_trains: int, bounds: Bounds | None) -> None:
+    """Refuse a level for which there is no room.
+
+    Raises:
+        ValueError: it has more trains, or is larger than the bounds.
+    """
+    if level.n_trains > max_trains:
+        raise ValueError(f"the level has {level.n_trains} trains, the world has room for {max_trains}")
+    height, width = level.grid.shape
+    if bounds is not None and (height > bounds.height or width > bounds.width):
+        raise ValueError(f"the level has {height}x{width} cells, the world has room for {bounds.height}x{bounds.width}")

@@ -1,7 +1,9 @@
 """Every byte on the wire: msgpack, with the schema's name and version outside the body, in Zenoh's encoding.
 
-Arrays travel as raw little-endian bytes with dtype and shape. Decoding is strict: whatever is not exactly a valid
-message of the expected schema is `Refused`, with a reason that names what is wrong; it never raises anything else.
+Arrays travel as raw little-endian bytes with dtype and shape. Those of float32 that are mostly zeros, as observations
+are, travel as a map of bits, one a number, and the numbers that are not zero; minus zero counts as a number, so they
+too come back to the bit. Decoding is strict: whatever is not exactly a valid message of the expected schema is
+`Refused`, with a reason that names what is wrong; it never raises anything else.
 """
 
 import math
@@ -16,13 +18,15 @@ from msgpack._cmsgpack import Packer, unpackb
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from common.records import Record
+from common.records.base import Record
 
 R = TypeVar("R", bound=Record)
 
-SCHEMA_VERSION = 2  # 2: episodes come in fragments; raise it when a record changes in any way
+SCHEMA_VERSION = 3  # 3: fragments hold their lease and their course; raise it when a record changes in any way
 MAX_MESSAGE_BYTES = 300_000_000
-ARRAY_TYPE = 1
+MAX_ARRAY_BYTES = 4_000_000_000  # of one array in memory: a message of zeros is a thirtieth of what it unpacks to
+ARRAY_TYPE, SPARSE_TYPE = 1, 2
+SPARSE_FROM = 64  # numbers; what is smaller is not worth a second look
 ARRAY_DTYPES = frozenset({"|i1", "<i4", "<i8", "<f4", "<f8"})
 
 
@@ -33,9 +37,9 @@ class Refused(ValueError):  # noqa: N818  (a verdict, not a failure of ours)
 def encoding_of(record_type: type[Record]) -> str:
     """The Zenoh encoding that announces a message.
 
-    >>> from common.records import Lease
+    >>> from common.records.acting import Lease
     >>> encoding_of(Lease)
-    'application/msgpack;railctl.Lease.2'
+    'application/msgpack;railctl.Lease.3'
     """
     return f"application/msgpack;railctl.{record_type.__name__}.{SCHEMA_VERSION}"
 
@@ -84,17 +88,45 @@ def _pack_array(value: Any) -> ExtType:
     little = np.ascontiguousarray(value).astype(value.dtype.newbyteorder("<"), copy=False).reshape(value.shape)
     if little.dtype.str not in ARRAY_DTYPES:
         raise TypeError(f"cannot send an array of {value.dtype}")
+    if little.dtype.str == "<f4" and little.size >= SPARSE_FROM:
+        used = little.reshape(-1).view(np.uint32) != 0
+        if 2 * np.count_nonzero(used) < little.size:
+            numbers = little.reshape(-1)[used].tobytes()
+            return ExtType(SPARSE_TYPE, Packer().pack([list(value.shape), np.packbits(used).tobytes(), numbers]))
     return ExtType(ARRAY_TYPE, Packer().pack([little.dtype.str, list(value.shape), little.tobytes()]))
 
 
 def _unpack_array(code: int, data: bytes) -> NDArray[Any]:
+    if code == SPARSE_TYPE:
+        return _unpack_sparse(data)
     if code != ARRAY_TYPE:
         raise Refused(f"unknown extension type {code}")
     dtype, shape, raw = unpackb(data)
     if dtype not in ARRAY_DTYPES:
         raise Refused(f"array dtype {dtype!r:.40} is not taken")
-    if not all(type(size) is int and 0 <= size < 2**31 for size in shape) or len(shape) > 8:
-        raise Refused(f"array shape {shape!r:.80} is not taken")
+    _check_shape(shape)
     if len(raw) != math.prod(shape) * np.dtype(dtype).itemsize:
         raise Refused(f"array of shape {tuple(shape)} and dtype {dtype} has {len(raw)} bytes")
     return np.frombuffer(raw, dtype).reshape(shape).copy()
+
+
+def _unpack_sparse(data: bytes) -> NDArray[np.float32]:
+    shape, bits, raw = unpackb(data)
+    _check_shape(shape)
+    size = math.prod(shape)
+    if len(bits) != -(-size // 8):
+        raise Refused(f"sparse array of shape {tuple(shape)} has a map of {len(bits)} bytes")
+    if 4 * size > MAX_ARRAY_BYTES:
+        raise Refused(f"sparse array of shape {tuple(shape)} exceeds the limit of {MAX_ARRAY_BYTES} bytes")
+    used = np.unpackbits(np.frombuffer(bits, np.uint8))
+    numbers = np.frombuffer(raw, np.uint32)
+    if used[size:].any() or np.count_nonzero(used) != len(numbers) or not numbers.all():
+        raise Refused(f"sparse array of shape {tuple(shape)} has {len(numbers)} numbers that do not fit its map")
+    dense = np.zeros(size, np.uint32)
+    dense[used[:size].view(np.bool_)] = numbers
+    return dense.view("<f4").reshape(shape)
+
+
+def _check_shape(shape: Any) -> None:
+    if not all(type(size) is int and 0 <= size < 2**31 for size in shape) or len(shape) > 8:
+        raise Refused(f"array shape {shape!r:.80} is not taken")

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Generic, NamedTuple, TypeVar
 
-from common import records
-from common.records import Record
+from common.records import acting, checkpoints, control, heartbeats, rows
+from common.records.base import Record
 
 A = TypeVar("A", bound=Record)
 B = TypeVar("B", bound=Record)
@@ -27,23 +27,23 @@ class Service(Generic[A, B]):
     answer: type[B]
 
 
-EPISODES = Topic("episodes", records.Episode)
-WEIGHTS = Topic("weights", records.Weights)
-EPISODE_ROWS = Topic("rows/episodes", records.EpisodeRow)
-EVALUATION_ROWS = Topic("rows/evaluations", records.EvaluationRow)
-CHECKPOINTS = Topic("checkpoints", records.CheckpointNotice)
-HEARTBEATS = Topic("heartbeats", records.Heartbeat)
+FRAGMENTS = Topic("fragments", acting.Fragment)
+WEIGHTS = Topic("weights", acting.Weights)
+EPISODE_ROWS = Topic("rows/episodes", rows.EpisodeRow)
+EVALUATION_ROWS = Topic("rows/evaluations", rows.EvaluationRow)
+CHECKPOINTS = Topic("checkpoints", checkpoints.CheckpointNotice)
+HEARTBEATS = Topic("heartbeats", heartbeats.Heartbeat)
 
-LEASE = Service("lease", records.LeaseRequest, records.LeaseAnswer)
-PULL_WEIGHTS = Service("pull/weights", records.WeightsRequest, records.Weights)
-LIST_CHECKPOINTS = Service("list/checkpoints", records.Empty, records.CheckpointNotice)
-PULL_CHECKPOINT = Service("pull/checkpoint", records.CheckpointRequest, records.CheckpointFile)
-EPISODE_HISTORY = Service("history/episodes", records.HistoryRequest, records.EpisodeRows)
-EVALUATION_HISTORY = Service("history/evaluations", records.HistoryRequest, records.EvaluationRows)
-COMMAND_LEARNER = Service("command/learner", records.LearnerCommand, records.CommandAnswer)
-STATUS = Service("command/status", records.Empty, records.Status)
-SCALE = Service("command/scale", records.ScaleRequest, records.CommandAnswer)
-STOP = Service("command/stop", records.Empty, records.CommandAnswer)
+LEASE = Service("lease", acting.LeaseRequest, acting.LeaseAnswer)
+PULL_WEIGHTS = Service("pull/weights", acting.WeightsRequest, acting.Weights)
+LIST_CHECKPOINTS = Service("list/checkpoints", control.Empty, checkpoints.CheckpointNotice)
+PULL_CHECKPOINT = Service("pull/checkpoint", checkpoints.CheckpointRequest, checkpoints.CheckpointFile)
+EPISODE_HISTORY = Service("history/episodes", rows.HistoryRequest, rows.EpisodeRows)
+EVALUATION_HISTORY = Service("history/evaluations", rows.HistoryRequest, rows.EvaluationRows)
+COMMAND_LEARNER = Service("command/learner", control.LearnerCommand, control.CommandAnswer)
+STATUS = Service("command/status", control.Empty, control.Status)
+SCALE = Service("command/scale", control.ScaleRequest, control.CommandAnswer)
+STOP = Service("command/stop", control.Empty, control.CommandAnswer)
 
 ALL_ALIVE = "alive/*/*/*"
 

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from common.bus import NoAnswer, open_bus, open_router
 from common.interpreter import run_module
-from common.records import CommandAnswer, Empty
+from common.records.control import CommandAnswer, Empty
 from common.task import FAILED
 from common.wire.keys import Service
 from deploy.launch import LOOPBACK, free_port

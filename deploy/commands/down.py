@@ -9,7 +9,7 @@ import typer
 from common.bus import NoAnswer
 from common.folder import RunFolder
 from common.locks import holder, living
-from common.records import Empty
+from common.records.control import Empty
 from common.wire import keys
 from deploy.follow import wait_until
 from deploy.output import AsJson, RunName, one_line_errors, say

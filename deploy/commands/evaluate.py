@@ -1,14 +1,16 @@
 """railctl evaluate: score a checkpoint or a reference policy on levels that training never sees, or on given ones."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from common.levels.bank import bank_root
+from common.requests import LevelChoice, ReferenceRequest, ScoreRequest
+from common.rules.settings import Mode
 from common.strict import ConfigError
-from deploy.commands.levels.options import known, option
 from deploy.commands.references import REFERENCE_SCORER, REFERENCES, check_reference, found_checkpoint, heading
+from deploy.levels import levels_of_run_file
 from deploy.output import AsJson, console, one_line_errors, say
 from deploy.runs import runs_root
 from deploy.show import score_table
@@ -32,8 +34,8 @@ def evaluate(
     level: Annotated[
         list[str] | None,
         typer.Option(
-            help="easy, medium or hard, or a group of --levels; may be repeated; "
-            "default: what it was trained on, for a reference policy all three, or all groups."
+            help="Levels that ship, those that it was trained on, or of --file; or a group of --levels; may be "
+            "repeated; default: what it was trained on, for a reference policy all that ship, or all groups."
         ),
     ] = None,
     episodes: Annotated[int | None, typer.Option(help=f"Evaluation levels of each; default: {EPISODES}.")] = None,
@@ -56,11 +58,12 @@ def evaluate(
     orders: Annotated[
         int | None, typer.Option(help="Of trains, the planner carries out the best plan of so many; default: 50.")
     ] = None,
+    file: Annotated[Path | None, typer.Option("--file", "-f", help="Run file (YAML) with levels of your own.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Play levels with a checkpoint or a reference policy, and print what becomes of them.
 
-    A row a difficulty, with its 95% interval.
+    A row a level distribution, with its 95% interval.
     """
     is_reference = checkpoint in REFERENCES
     if is_reference:
@@ -68,17 +71,18 @@ def evaluate(
     elif orders is not None:
         raise ConfigError("--orders: only planner tries orders of trains: leave it out")
     _check(levels, episodes, seed, draws, sample=sample)
-    names = level if levels else [known(name) for name in level or []]
-    result = run_task(
-        *([REFERENCE_SCORER, checkpoint] if is_reference else [SCORER, str(found_checkpoint(checkpoint))]),
-        *(part for name in dict.fromkeys(names or []) for part in ("--level", name)),
-        *option("--levels", levels),
-        *option("--episodes", episodes or EPISODES),
-        *option("--seed", seed or SEED),
-        *option("--mode", None if sample is None else "sample" if sample else "greedy"),
-        *option("--draws", draws),
-        *option("--orders", orders),
-        *option("--bank", bank_root(runs_root())),
+    choice = LevelChoice(
+        names=tuple(dict.fromkeys(level)) if level else None,
+        own=levels_of_run_file(file) if file else {},
+        file=levels,
+        episodes=episodes or EPISODES,
+        seed=seed or SEED,
+        bank=bank_root(runs_root()),
+    )
+    result = (
+        _scored_reference(checkpoint, draws, orders, choice)
+        if is_reference
+        else _scored(checkpoint, sample, draws, choice)
     )
     say(heading(result), result, as_json=as_json)
     if not as_json:
@@ -86,6 +90,20 @@ def evaluate(
         console.print("return: normalised, mean over levels; low, high: its 95% interval (bootstrap)")
         if seed and levels is None and not is_reference:
             console.print(f"training may know rails of the levels of seed {seed}; those of seed 0 it never sees")
+
+
+def _scored(name: str, sample: bool | None, draws: int | None, choice: LevelChoice) -> dict[str, Any]:
+    mode: Mode | None = None if sample is None else "sample" if sample else "greedy"
+    request = ScoreRequest(checkpoint=found_checkpoint(name), mode=mode, draws=draws, levels=choice)
+    return run_task(SCORER, request.model_dump_json())
+
+
+def _scored_reference(policy: str, draws: int | None, orders: int | None, choice: LevelChoice) -> dict[str, Any]:
+    given = {"draws": draws, "orders": orders}
+    request = ReferenceRequest.model_validate(
+        {"policy": policy, "levels": choice} | {key: value for key, value in given.items() if value is not None}
+    )
+    return run_task(REFERENCE_SCORER, request.model_dump_json())
 
 
 def _check(

@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from common.records import LearnerCommand
+from common.records.control import LearnerCommand
 from common.wire import keys
 from deploy.output import say
 from deploy.runs import find_run, reach

@@ -4,7 +4,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, get_args
 
-from analysis.study import DRAWING, Reference
+from common.requests import DRAWING, Reference
 from common.strict import ConfigError
 from deploy.output import counted
 from deploy.runs import find_checkpoint

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from common.folder import RunFolder
-from common.records import ScaleRequest
+from common.records.control import ScaleRequest
 from common.wire import keys
 from deploy.output import AsJson, one_line_errors, say
 from deploy.resolve import parse_actors

@@ -7,7 +7,7 @@ import typer
 
 from common.bus import NoAnswer
 from common.locks import living
-from common.records import EpisodeRow, EvaluationRow
+from common.records.rows import EpisodeRow, EvaluationRow
 from deploy.follow import Rows, rows_from_files
 from deploy.output import RunName, console, one_line_errors
 from deploy.runs import find_run, reach

@@ -8,7 +8,7 @@ import typer
 from common.config import RunConfig
 from common.folder import RunFolder
 from common.locks import living
-from common.records import EpisodeRow, EvaluationRow
+from common.records.rows import EpisodeRow, EvaluationRow
 from common.rows import read_rows
 from deploy.commands.scale import scale_to
 from deploy.follow import outcome_of
@@ -25,8 +25,12 @@ def up(
     file: Annotated[Path | None, typer.Option("--file", "-f", help="Run file (YAML).")] = None,
     name: Annotated[str | None, typer.Option(help="Name of the run; an existing one goes on.")] = None,
     algorithm: Annotated[str | None, typer.Option(help=f"Preset: {', '.join(algorithms())}; default: dddqn.")] = None,
-    level: Annotated[str | None, typer.Option(help="easy, medium or hard; default: easy.")] = None,
-    actors: Annotated[str | None, typer.Option(help="As easy=2,hard=1 or any=2; default: one a level.")] = None,
+    level: Annotated[
+        str | None, typer.Option(help="Name of levels that ship, or of the run file; default: easy.")
+    ] = None,
+    actors: Annotated[
+        str | None, typer.Option(help="By level, as easy=2,hard=1, or any=2; default: one a level.")
+    ] = None,
     episodes: Annotated[int | None, typer.Option(help="Episodes to train; default: 1500.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of everything random; default: 1.")] = None,
     lag: Annotated[int | None, typer.Option(help="Episodes that run ahead of training; default: 0.")] = None,
@@ -39,6 +43,7 @@ def up(
 ) -> None:
     """Start a run or go on with one: router, learner, actors, evaluator and their supervisor."""
     given: dict[str, Any] = {} if file is None else read_file(file)
+    base = Path() if file is None else file.parent
     options = {
         "algorithm": algorithm,
         "level": level,
@@ -49,7 +54,7 @@ def up(
         "cluster": {"actors": parse_actors(actors) if actors else None, "cores": cores},
     }
     given = merge(merge(given, without_none(options)), parse_sets(settings or []))
-    folder, config = prepare(name, given)
+    folder, config = prepare(name, given, base)
     if outcome_of(folder)[0] == "finished" and not living(folder):
         console.print(f"run {folder.path.name} is finished", markup=False)
         conclude(folder)
@@ -74,13 +79,13 @@ def without_none(options: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in kept.items() if value is not None and value != {}}
 
 
-def prepare(name: str | None, given: dict[str, Any]) -> tuple[RunFolder, RunConfig]:
+def prepare(name: str | None, given: dict[str, Any], base: Path = Path()) -> tuple[RunFolder, RunConfig]:
     """The folder and configuration of a new run, or of the one that has this name."""
     if name is None or not (runs_root() / name / "config.yaml").exists():
-        config = resolve(given)
+        config = resolve(given, base)
         return new_run(name or fresh_name(config), config), config
     folder = RunFolder(runs_root() / name)
-    config = resolve_existing(folder.config(), given, name)
+    config = resolve_existing(folder.config(), given, name, base)
     if not supervised(folder):
         check_existing(folder, config)
         save_config(folder, config)

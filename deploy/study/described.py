@@ -11,7 +11,7 @@ from analysis.study import Contender, PlannedRun, Study, StudyFolder, planned_ru
 from common.config import RunConfig
 from common.folder import write_atomically
 from common.strict import ConfigError, flat, nearest
-from deploy.resolve import merge, resolve, spelled_out
+from deploy.resolve import merge, preset_of, resolve, spelled_out
 from deploy.runs import Failed, runs_root
 
 SHIPPED = Path(__file__).parents[1] / "studies"
@@ -88,7 +88,8 @@ def configurations(study: Study, cores: int) -> dict[PlannedRun, RunConfig]:
 
 
 def _given(study: Study, contender: Contender, level: str, cores: int) -> dict[str, Any]:
-    settings = merge(spelled_out(study.settings), spelled_out(contender.settings))
+    rule = str(preset_of(contender.algorithm)["rule"])
+    settings = merge(spelled_out(study.settings, rule), spelled_out(contender.settings, rule))
     return merge(
         settings,
         {

@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 from analysis.study import FinalEvaluation, Study, StudyFolder
 from common.folder import RunFolder
-from common.records import EpisodeRow, EvaluationRow
+from common.records.rows import EpisodeRow, EvaluationRow
 from common.rows import DamagedRows, read_rows
 from common.strict import ConfigError
 from deploy.follow import outcome_of

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from analysis.study import PlannedRun, Study, StudyFolder, planned_runs
 from common.folder import RunFolder
 from common.locks import holder
-from common.records import EpisodeRow
+from common.records.rows import EpisodeRow
 from common.rows import DamagedRows, read_rows
 from deploy.follow import outcome_of
 from deploy.runs import supervised

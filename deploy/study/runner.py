@@ -13,8 +13,10 @@ from typing import Protocol
 from analysis.study import PlannedRun, Study, StudyFolder
 from common.config import RunConfig
 from common.folder import RunFolder, write_atomically
+from common.levels.distributions import shipped
 from common.locks import holder
 from common.process import Stopping
+from common.requests import LevelChoice, ReferenceRequest, ScoreRequest
 from common.strict import ConfigError
 from deploy.commands.evaluate import SCORER
 from deploy.commands.references import REFERENCE_SCORER
@@ -126,9 +128,9 @@ class Runner:
                 case PlannedRun():
                     self._train(job)
                 case Scoring():
-                    self._tasks[job] = Task(SCORER, *self._scoring(job.run))
+                    self._tasks[job] = Task(SCORER, self._scoring(job.run).model_dump_json())
                 case Comparing():
-                    self._tasks[job] = Task(REFERENCE_SCORER, job.policy, *self._playing(job.level))
+                    self._tasks[job] = Task(REFERENCE_SCORER, self._comparing(job).model_dump_json())
                 case Reporting():
                     self._tasks[job] = Task(REPORTER, "--study", str(self._folder.path))
         except (ConfigError, Failed, OSError) as error:
@@ -145,14 +147,18 @@ class Runner:
             save_config(folder, config)
         start_supervisor(folder, config, bank=self._bank)
 
-    def _scoring(self, run: PlannedRun) -> list[str]:
+    def _scoring(self, run: PlannedRun) -> ScoreRequest:
         path = self._run(run).checkpoints / f"{self._study.episodes:08d}.safetensors"
-        return [str(path), *self._playing(run.level)]
+        return ScoreRequest(checkpoint=path, levels=self._playing(run.level))
 
-    def _playing(self, level: str) -> list[str]:
+    def _comparing(self, job: Comparing) -> ReferenceRequest:
+        return ReferenceRequest(policy=job.policy, levels=self._playing(job.level))
+
+    def _playing(self, level: str) -> LevelChoice:
         final = self._study.evaluation
-        counted = ["--episodes", str(final.episodes), "--seed", str(final.seed)]
-        return ["--level", level, *counted, "--bank", str(self._bank)]
+        world = next(config.world for run, config in self._configs.items() if run.level == level)
+        own = {level: world.levels[level]} if level not in shipped() else {}
+        return LevelChoice(names=(level,), own=own, episodes=final.episodes, seed=final.seed, bank=self._bank)
 
     def _end_of(self, job: Job) -> Ended | None:
         """How a job ended, or none while it goes on."""

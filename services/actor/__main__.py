@@ -3,7 +3,6 @@
 import argparse
 from pathlib import Path
 
-from common.config import DIFFICULTIES
 from common.folder import RunFolder
 from common.process import run_service, service_context
 
@@ -12,7 +11,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="An actor of a run.")
     parser.add_argument("--run", type=Path, required=True, help="the run's folder")
     parser.add_argument("--name", required=True, help="this actor's name, unique in the run")
-    parser.add_argument("--serves", required=True, choices=[*DIFFICULTIES, "any"], help="the difficulty it acts")
+    parser.add_argument("--serves", required=True, help="the level it acts, or any")
     arguments = parser.parse_args()
     with service_context(RunFolder(arguments.run), arguments.name, "actor") as context:
         # Imports take seconds and come last, so that whoever supervises sees this process at once.

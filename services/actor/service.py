@@ -1,4 +1,4 @@
-"""An actor's loop: ask for a lease, act the episode, publish it, keep it until the learner has it in a snapshot."""
+"""An actor's loop: ask for a lease, act it, publish the fragment, keep it until the learner has it in a snapshot."""
 
 import logging
 import threading
@@ -8,15 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.bus import NoAnswer
-from common.config import Serves
-from common.levels.bank import bank_root
-from common.levels.supply import LevelSupply
-from common.policy.compiled import Twin
-from common.policy.player import MAX_TRAINS, Acting, network_layout, player
-from common.process import ServiceContext
-from common.rail.play import Recording
-from common.records import Episode, Lease, LeaseAnswer, LeaseRequest, Weights, WeightsRequest
-from common.seeding import stream_key
+from common.levels.supply import supply_of
+from common.policy.player import Acting, Players, chooser_of
+from common.process import Fatal, ServiceContext
+from common.records.acting import (
+    Circumstances,
+    Fragment,
+    Lease,
+    LeaseAnswer,
+    LeaseRequest,
+    Weights,
+    WeightsRequest,
+)
+from common.records.heartbeats import ActorReport
+from common.seeding import stream_key, training_malfunction_seed
 from common.wire import keys
 
 log = logging.getLogger(__name__)
@@ -27,7 +32,7 @@ RETRY_S = 0.2
 
 
 class Stopped(Exception):  # noqa: N818  (not an error)
-    """The actor was told to stop in the middle of an episode."""
+    """Somebody asked the actor to stop in the middle of an episode."""
 
 
 class Shelf:
@@ -56,22 +61,22 @@ class Shelf:
 class Actor:
     """One actor. Everything an episode depends on comes with its lease."""
 
-    def __init__(self, context: ServiceContext, serves: Serves) -> None:
+    def __init__(self, context: ServiceContext, serves: str) -> None:
         self._context = context
         self._serves = serves
-        self._kept: dict[tuple[int, int], Episode] = {}  # by episode and fragment
+        self._kept: dict[tuple[int, int], Fragment] = {}  # by episode and fragment
         self._shelf = Shelf(context.config.lag + 2)
-        self._levels = LevelSupply.from_folder(bank_root(context.folder.path.parent))
-        self._player = player(context.config.engine, MAX_TRAINS, self._on_step)
-        self._stands_at: tuple[int, int] | None = None  # episode and steps that the player's world is at
-        self._twin = Twin(network_layout(context.config.network))
+        self._levels = supply_of(context.config.world.levels, context.folder)
+        self._stands_at: tuple[int, int] | None = None  # episode and steps that the last player's world is at
+        self._network = chooser_of(context.config)
+        self._players = Players(context.config, self._network, self._on_step)
         self._loaded: int | None = None
         self._acting = 0  # the episode
         self._acted = 0
         self._idle_since = time.perf_counter()
 
     def run(self) -> None:
-        """Serve until told to stop."""
+        """Serve until asked to stop."""
         self._context.bus.subscribe(keys.WEIGHTS, self._shelf.put)
         while not self._context.stopping.asked:
             self._beat("waiting for work")
@@ -84,7 +89,7 @@ class Actor:
                 try:
                     self._serve(answer.lease)
                 except Stopped:
-                    log.info("gave up episode %d: told to stop", answer.lease.episode)
+                    log.info("gave up episode %d: asked to stop", answer.lease.episode)
 
     def _ask(self) -> LeaseAnswer | None:
         request = LeaseRequest(
@@ -104,7 +109,7 @@ class Actor:
             del self._kept[unit]
         for episode, fragment in answer.missing.tolist():
             log.info("publishes episode %d, fragment %d again: the learner misses it", episode, fragment)
-            self._context.bus.publish(keys.EPISODES, self._kept[episode, fragment])
+            self._publish(self._kept[episode, fragment])
         if len(answer.missing):
             self._context.stopping.wait(RETRY_S)  # what the learner refuses stays missing: no storm
 
@@ -112,18 +117,25 @@ class Actor:
         if not self._load(lease.weights_version):
             return  # the next question for work gives the lease back
         self._acting = lease.episode
-        episode = self._act(lease)
-        self._kept[lease.episode, lease.fragment] = episode
-        self._acted += episode.over
-        self._context.bus.publish(keys.EPISODES, episode)
+        fragment = self._act(lease)
+        self._kept[lease.unit] = fragment
+        self._acted += fragment.course.over
+        self._publish(fragment)
         self._idle_since = time.perf_counter()
+
+    def _publish(self, fragment: Fragment) -> None:
+        try:
+            self._context.bus.publish(keys.FRAGMENTS, fragment)
+        except ValueError as error:  # and so it would be again
+            remedy = "have it come in shorter fragments, or with smaller observations"
+            raise Fatal(f"episode {fragment.lease.episode} cannot be sent: {error}: {remedy}") from None
 
     def _load(self, version: int) -> bool:
         if self._loaded != version:
             weights = self._shelf.get(version, PUSH_PATIENCE_S) or self._pull(version)
             if weights is None:
                 return False
-            self._twin.load(weights.tensors)
+            self._network.load(weights.tensors)
             self._loaded = version
         return True
 
@@ -134,14 +146,15 @@ class Actor:
             log.warning("no weights %d: %s", version, reason)
             return None
 
-    def _act(self, lease: Lease) -> Episode:
+    def _act(self, lease: Lease) -> Fragment:
         begin = time.perf_counter()
         states = self._stand_at(lease)
         key = stream_key(self._context.config.seed, lease.episode, "explore")
-        recording = self._player.advance(Acting(self._twin, lease.epsilon, key), states, lease.steps)
-        self._stands_at = (lease.episode, recording.last_step)
-        acting_s = time.perf_counter() - begin
-        return _episode(lease, recording, self._context.name, acting_s, waited_s=begin - self._idle_since)
+        course = self._players.of(lease.level).advance(Acting(self._network, lease.epsilon, key), states, lease.steps)
+        self._stands_at = (lease.episode, course.last_step)
+        acting_s, waited_s = time.perf_counter() - begin, begin - self._idle_since
+        circumstances = Circumstances(actor=self._context.name, acting_s=acting_s, waited_s=waited_s)
+        return Fragment(lease=lease, course=course, circumstances=circumstances)
 
     def _stand_at(self, lease: Lease) -> NDArray[np.float32]:
         """Bring the world to where the lease goes on, unless it stands there; returns the trains' states [N, S]."""
@@ -149,11 +162,12 @@ class Actor:
         self._stands_at = None  # until all goes well
         if before is not None and stands_at == (lease.episode, before.first_step):
             return before.states.copy()
-        level = self._levels.training(lease.level, lease.level_seed)
+        level, player = self._levels.training(lease.level, lease.level_seed), self._players.of(lease.level)
+        malfunction_seed = training_malfunction_seed(self._context.config.seed, lease.episode)
         if before is None:
-            self._player.begin(level)
-            return self._twin.zero_state(level.n_trains)
-        self._player.begin(level, before.actions, before.first_step)
+            player.begin(level, malfunction_seed)
+            return self._network.zero_state(level.n_trains)
+        player.begin(level, malfunction_seed, before.actions, before.first_step)
         return before.states.copy()
 
     def _on_step(self) -> None:
@@ -162,31 +176,4 @@ class Actor:
         self._beat(f"acting episode {self._acting}")
 
     def _beat(self, state: str) -> None:
-        self._context.heartbeat.beat(state, lambda: {"acted": float(self._acted), "kept": float(len(self._kept))})
-
-
-def _episode(lease: Lease, recording: Recording, actor: str, acting_s: float, waited_s: float) -> Episode:
-    return Episode(
-        episode=lease.episode,
-        fragment=lease.fragment,
-        first_step=recording.first_step,
-        over=recording.over,
-        level=lease.level,
-        level_seed=lease.level_seed,
-        level_hash=recording.level.content_hash,
-        weights_version=lease.weights_version,
-        actor=actor,
-        acting_s=acting_s,
-        waited_s=waited_s,
-        max_steps=recording.level.max_steps,
-        observations=recording.observations,
-        times=recording.times,
-        trains=recording.trains,
-        actions=recording.actions,
-        log_probabilities=recording.log_probabilities,
-        values=recording.values,
-        rewards=recording.rewards,
-        arrived_at=recording.arrived_at,
-        final_observations=recording.final_observations,
-        states=recording.states,
-    )
+        self._context.heartbeat.beat(state, lambda: ActorReport(acted=self._acted, kept=len(self._kept)))

@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.levels.level import Level
-from common.policy.compiled import Twin
+from common.policy.compiled import Chooser
 from common.policy.player import Acting, Player, play
-from common.rail.play import Recording
-from common.seeding import stream_key
+from common.records.course import Course
+from common.seeding import evaluation_malfunction_seed, stream_key
 
-Policy = Callable[[int, Level], Recording]  # plays a whole episode, given the number of the level, and the level
+Policy = Callable[[int, Level], Course]  # plays a whole episode, given the number of the level, and the level
 
 
 class UnplayableLevelError(ValueError):
@@ -28,12 +28,14 @@ class Score:
         arrived_shares: [L], of the trains.
         all_arrived: [L].
         steps: [L], environment steps.
+        scores: [L], flatland-rl 4.3.0's own; None: a level has none.
     """
 
     returns: NDArray[np.float64]
     arrived_shares: NDArray[np.float64]
     all_arrived: NDArray[np.bool_]
     steps: NDArray[np.int64]
+    scores: NDArray[np.float64] | None = None
 
     @property
     def mean_return(self) -> float:
@@ -51,32 +53,47 @@ class Score:
     def mean_steps(self) -> float:
         return float(self.steps.mean())
 
+    @property
+    def mean_score(self) -> float | None:
+        return None if self.scores is None else float(self.scores.mean())
 
-def greedy(player: Player, twin: Twin) -> Policy:
+
+def greedy(player: Player, network: Chooser) -> Policy:
     """Takes the best action."""
-    acting = Acting(twin, greedy=True)
-    return lambda _index, level: play(player, level, acting)
+    acting = Acting(network, greedy=True)
+    return lambda index, level: play(player, level, acting, evaluation_malfunction_seed(index))
 
 
-def sampled(player: Player, twin: Twin, seed: int) -> Policy:
+def sampled(player: Player, network: Chooser, seed: int) -> Policy:
     """Takes actions as probable as the network says; the draws are those of (seed, number of the level)."""
-    return lambda index, level: play(player, level, Acting(twin, key=stream_key(seed, index, "evaluation-sample")))
+
+    def policy(index: int, level: Level) -> Course:
+        acting = Acting(network, key=stream_key(seed, index, "evaluation-sample"))
+        return play(player, level, acting, evaluation_malfunction_seed(index))
+
+    return policy
 
 
 def evaluate(policy: Policy, levels: Iterable[Level], on_level: Callable[[int], None] = lambda _done: None) -> Score:
-    """Play all levels, one at least; `on_level` is told how many have been played.
+    """Play all levels, one at least; `on_level` hears how many have been played.
 
     Raises:
         UnplayableLevelError: one cannot be played.
     """
-    recordings = []
+    courses = []
     for index, level in enumerate(levels):
         try:
-            recording = policy(index, level)
+            course = policy(index, level)
         except (ValueError, MemoryError) as error:
             raise UnplayableLevelError(f"level {index}: {error}") from error
-        arrived = recording.arrived_at >= 0
-        recordings.append((recording.normalised_return, arrived.mean(), arrived.all(), recording.last_step))
+        arrived = course.arrived_at >= 0
+        courses.append((course.normalised_return, arrived.mean(), arrived.all(), course.last_step, course.score))
         on_level(index + 1)
-    returns, arrived_shares, all_arrived, steps = zip(*recordings, strict=True)
-    return Score(np.array(returns), np.array(arrived_shares), np.array(all_arrived), np.array(steps))
+    returns, arrived_shares, all_arrived, steps, scores = zip(*courses, strict=True)
+    return Score(
+        returns=np.array(returns),
+        arrived_shares=np.array(arrived_shares),
+        all_arrived=np.array(all_arrived),
+        steps=np.array(steps),
+        scores=None if None in scores else np.array(scores),
+    )

@@ -1,26 +1,25 @@
-"""python -m services.evaluator.score CHECKPOINT: scores a checkpoint on levels; how it answers: see `common.task`."""
+"""python -m services.evaluator.score REQUEST: scores a checkpoint on levels; how it answers: see `common.task`."""
 
-import argparse
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 from analysis.statistics import mean_interval
 from common.checkpoint import CheckpointError
-from common.config import Difficulty, Mode
 from common.levels import files
 from common.levels.chunks import BankError
+from common.levels.distributions import AnyLevels, Rules, shipped
 from common.levels.files import LevelFileError
-from common.levels.held_out import HELD_OUT_LEVELS
 from common.levels.level import Level
 from common.levels.supply import LevelSupply
 from common.policy.checkpoints import SavedPolicy, load_policy
 from common.policy.compiled import Twin
-from common.policy.player import MAX_TRAINS, player
+from common.policy.player import player
+from common.requests import LevelChoice, ScoreRequest, asked
 from common.strict import ConfigError, nearest
 from common.task import Teller, carry_out, say
 from services.evaluator.runner import Policy, Score, UnplayableLevelError, evaluate, greedy, sampled
@@ -31,23 +30,25 @@ class Group:
     """Levels that make a row; they may be drawn while they are played."""
 
     name: str
+    rules: Rules
     levels: Iterable[Level]
     count: int
     most_trains: int
 
 
-def score(options: argparse.Namespace) -> None:
+def score(request: ScoreRequest) -> None:
     """Score the checkpoint on all groups of levels."""
-    saved = load_policy(options.checkpoint)
-    draws = draws_seed(options, saved)
-    rows = [
-        played(group, policy_for(group, saved.twin, draws), options.levels)
-        for group in groups_of(options, saved.trained_on)
-    ]
+    saved = load_policy(request.checkpoint)
+    config, draws = saved.config, draws_seed(request, saved)
+    known = config.world.levels | shipped() | request.levels.own
+    kept = request.checkpoint.parent.parent / "levels"  # by its run
+    rules = {levels.rules for levels in config.world.levels.values()}
+    groups = groups_of(request.levels, known, list(config.mix), rules, kept)
+    rows = [played(group, policy_for(group, saved, draws), request.levels.file) for group in groups]
     say(
         {
-            "checkpoint": str(options.checkpoint),
-            "algorithm": saved.algorithm,
+            "checkpoint": str(request.checkpoint),
+            "algorithm": config.algorithm,
             "episode": saved.episode,
             "mode": "greedy" if draws is None else "sample",
             "draws": draws,
@@ -56,52 +57,77 @@ def score(options: argparse.Namespace) -> None:
     )
 
 
-def draws_seed(options: argparse.Namespace, saved: SavedPolicy) -> int | None:
-    """The seed of what is drawn in choosing actions, none for greedy play; unless asked otherwise as in the run.
+def draws_seed(request: ScoreRequest, saved: SavedPolicy) -> int | None:
+    """The seed of what is drawn in choosing actions, None for greedy play; unless asked otherwise as in the run.
 
     Raises:
         ConfigError: there are no probabilities to draw from, or nothing is drawn.
     """
-    if options.mode == "sample" and not saved.has_probabilities:
+    has_probabilities = saved.config.learning.has_probabilities
+    if request.mode == "sample" and not has_probabilities:
         raise ConfigError(
-            f"--sample: {saved.algorithm} learns action values, which are no probabilities to draw from: leave it out"
+            f"--sample: {saved.config.algorithm} learns action values, which are no probabilities to draw from: "
+            "leave it out"
         )
-    if (options.mode or saved.mode) == "sample":
-        return saved.seed if options.draws is None else int(options.draws)
-    if options.draws is not None:
-        remedy = "add --sample, or leave it out" if saved.has_probabilities else "leave it out"
-        raise ConfigError(f"--draws {options.draws}: greedy play draws nothing: {remedy}")
+    if (request.mode or saved.config.evaluation.mode) == "sample":
+        return saved.config.seed if request.draws is None else request.draws
+    if request.draws is not None:
+        remedy = "add --sample, or leave it out" if has_probabilities else "leave it out"
+        raise ConfigError(f"--draws {request.draws}: greedy play draws nothing: {remedy}")
     return None
 
 
-def groups_of(options: argparse.Namespace, difficulties: Sequence[Difficulty]) -> list[Group]:
-    """What is played: groups of a file, or evaluation levels, of the difficulties if `options` name none."""
-    if options.levels is not None:
-        return list(recorded(options.levels, options.level))
-    return drawn(options, options.level or difficulties)
+def groups_of(
+    choice: LevelChoice,
+    known: Mapping[str, AnyLevels],
+    default: Sequence[str],
+    rules: set[Rules],
+    kept: Path | None = None,
+) -> list[Group]:
+    """What is played.
+
+    Args:
+        choice: what is asked for.
+        known: distributions, by name.
+        default: those that are played if no names are given.
+        rules: those that the policy was made for, which levels of a file are played by.
+        kept: where a run keeps its level files.
+    """
+    if choice.file is not None:
+        return list(recorded(choice.file, choice.names, rules))
+    return drawn(choice, known, choice.names or default, kept)
 
 
-def drawn(options: argparse.Namespace, difficulties: Sequence[Difficulty]) -> list[Group]:
-    """Evaluation levels of difficulties.
+def drawn(choice: LevelChoice, known: Mapping[str, AnyLevels], names: Sequence[str], kept: Path | None) -> list[Group]:
+    """Evaluation levels of distributions.
 
     Raises:
-        ConfigError: training may have seen some.
+        ConfigError: there is no such distribution, or training may have seen some of its levels.
     """
-    count, sequence = options.episodes, options.seed
-    if sequence == 0 and count > HELD_OUT_LEVELS:
-        raise ConfigError(
-            f"--episodes {count}: {HELD_OUT_LEVELS} evaluation levels are kept from training: use no more, "
-            "or another --seed, whose rails training may know"
-        )
-    supply = LevelSupply.from_folder(options.bank)
+    for name in names:
+        if name not in known:
+            raise ConfigError(f"--level {name!r}{nearest(name, list(known))}")
+        count = known[name].evaluation_levels
+        if choice.seed == 0 and choice.episodes > count:
+            raise ConfigError(
+                f"--episodes {choice.episodes}: {count} evaluation levels of {name} are kept from training: use no "
+                "more, or another --seed, whose rails training may know"
+            )
+    supply = LevelSupply(known, choice.bank, kept)
     return [
-        Group(name, map(partial(supply.evaluation, name, sequence=sequence), range(count)), count, MAX_TRAINS)
-        for name in difficulties
+        Group(
+            name,
+            known[name].rules,
+            map(partial(supply.evaluation, name, sequence=choice.seed), range(choice.episodes)),
+            choice.episodes,
+            known[name].bounds.trains,
+        )
+        for name in names
     ]
 
 
-def recorded(path: Path, names: list[str] | None) -> Iterator[Group]:
-    """Groups of a file, if none are given all.
+def recorded(path: Path, names: Sequence[str] | None, rules: set[Rules]) -> Iterator[Group]:
+    """Groups of a file, if none are given all; levels with schedules are played by the stock rules.
 
     Raises:
         ConfigError: the file lacks a group, or one is empty.
@@ -114,13 +140,16 @@ def recorded(path: Path, names: list[str] | None) -> Iterator[Group]:
         levels = groups[name]
         if not levels:
             raise ConfigError(f"{path}: group {name!r} holds no levels: choose another with --level")
-        yield Group(name, levels, len(levels), max(level.n_trains for level in levels))
+        is_stock = rules == {"stock"} or any(level.schedule is not None for level in levels)
+        most_trains = max(level.n_trains for level in levels)
+        yield Group(name, "stock" if is_stock else "legacy", levels, len(levels), most_trains)
 
 
-def policy_for(group: Group, twin: Twin, draws: int | None) -> Policy:
+def policy_for(group: Group, saved: SavedPolicy, draws: int | None) -> Policy:
     """The network as it plays a group; `draws`: see `draws_seed`."""
-    playing = player("compiled", group.most_trains)
-    return greedy(playing, twin) if draws is None else sampled(playing, twin, draws)
+    has_twin = isinstance(saved.network, Twin)
+    playing = player("compiled", saved.config.world, group.rules, group.most_trains, has_twin=has_twin)
+    return greedy(playing, saved.network) if draws is None else sampled(playing, saved.network, draws)
 
 
 def played(group: Group, policy: Policy, path: Path | None) -> dict[str, Any]:
@@ -147,32 +176,14 @@ def summary(score: Score) -> dict[str, Any]:
         "arrived_share": score.arrived_share,
         "all_arrived_share": score.all_arrived_share,
         "mean_steps": score.mean_steps,
+        "score": score.mean_score,
         "returns": returns.tolist(),
     }
 
 
-def parsed(arguments: list[str] | None = None) -> argparse.Namespace:
-    """What is asked for; none: on this process's own command line."""
-    parser = argparse.ArgumentParser(description="Scores a checkpoint.")
-    parser.add_argument("checkpoint", type=Path)
-    parser.add_argument("--mode", choices=get_args(Mode), help="default: as its run scores the checkpoint")
-    parser.add_argument("--draws", type=int, help="seed of sampling; default: the run's")
-    add_levels(parser)
-    return parser.parse_args(arguments)
-
-
-def add_levels(parser: argparse.ArgumentParser) -> None:
-    """The options that say what is played."""
-    parser.add_argument("--level", action="append", help="difficulty or group; may be repeated")
-    parser.add_argument("--levels", type=Path, help="a file of levels; default: evaluation levels")
-    parser.add_argument("--episodes", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--bank", type=Path)
-
-
 def main() -> None:
-    options = parsed()
-    carry_out(lambda: score(options), CheckpointError, LevelFileError, BankError, UnplayableLevelError)
+    request = asked(ScoreRequest)
+    carry_out(lambda: score(request), CheckpointError, LevelFileError, BankError, UnplayableLevelError)
 
 
 if __name__ == "__main__":

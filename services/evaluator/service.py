@@ -8,24 +8,16 @@ from functools import partial
 from common import checkpoint
 from common.bus import NoAnswer, Question
 from common.checkpoint import CheckpointError
-from common.config import Difficulty
-from common.levels.bank import bank_root
-from common.levels.supply import LevelSupply
-from common.policy.compiled import Twin
-from common.policy.player import MAX_TRAINS, network_layout, player
+from common.levels.supply import supply_of
+from common.policy.player import Players, chooser_of
 from common.process import Fatal, ServiceContext
-from common.records import (
-    CheckpointFile,
-    CheckpointNotice,
-    CheckpointRequest,
-    Empty,
-    EvaluationRow,
-    EvaluationRows,
-    HistoryRequest,
-)
+from common.records.checkpoints import CheckpointFile, CheckpointNotice, CheckpointRequest
+from common.records.control import Empty
+from common.records.heartbeats import EvaluatorReport
+from common.records.rows import EvaluationRow, EvaluationRows, HistoryRequest
 from common.rows import DamagedRows, RowFile
 from common.wire import keys
-from services.evaluator.runner import evaluate, greedy, sampled
+from services.evaluator.runner import Policy, evaluate, greedy, sampled
 
 log = logging.getLogger(__name__)
 
@@ -36,7 +28,7 @@ HISTORY_CHUNK = 1000
 
 
 class Stopped(Exception):  # noqa: N818  (not an error)
-    """The evaluator was told to stop in the middle of an evaluation."""
+    """Somebody asked the evaluator to stop in the middle of an evaluation."""
 
 
 class Evaluator:
@@ -51,14 +43,12 @@ class Evaluator:
             raise Fatal(str(error)) from None
         self._done = {(row.episode, row.level) for row in self._file.rows}
         self._announced = threading.Event()
-        self._levels = LevelSupply.from_folder(bank_root(context.folder.path.parent))
-        self._twin = Twin(network_layout(context.config.network))
-        plays = player(context.config.engine, MAX_TRAINS, self._on_step)
-        is_greedy = context.config.evaluation.mode == "greedy"
-        self._policy = greedy(plays, self._twin) if is_greedy else sampled(plays, self._twin, context.config.seed)
+        self._levels = supply_of(context.config.world.levels, context.folder)
+        self._network = chooser_of(context.config)
+        self._players = Players(context.config, self._network, self._on_step)
 
     def run(self) -> None:
-        """Serve until told to stop."""
+        """Serve until asked to stop."""
         self._context.bus.subscribe(keys.CHECKPOINTS, lambda _notice: self._announced.set())
         self._context.bus.serve(keys.EVALUATION_HISTORY, self._on_history)
         waited_s = ASK_EVERY_S
@@ -84,7 +74,7 @@ class Evaluator:
         except NoAnswer as reason:
             log.debug("no checkpoints: %s", reason)
         except Stopped:
-            log.info("told to stop in the middle of an evaluation")
+            log.info("asked to stop in the middle of an evaluation")
 
     def _evaluate(self, episode: int) -> None:
         pulled: CheckpointFile = self._context.bus.ask(
@@ -94,7 +84,7 @@ class Evaluator:
             tensors, metadata = checkpoint.from_bytes(pulled.content, "checkpoint", source=f"checkpoint {episode}")
         except CheckpointError as error:
             raise Fatal(str(error)) from None
-        self._twin.load(tensors)
+        self._network.load(tensors)
         for level in self._config.mix:
             if (episode, level) not in self._done:
                 row = self._score(episode, level, metadata["digest"])
@@ -104,10 +94,10 @@ class Evaluator:
                 self._context.bus.publish(keys.EVALUATION_ROWS, row)
                 log.info("checkpoint %d on %s: %.4f", episode, level, row.normalised_return)
 
-    def _score(self, episode: int, level: Difficulty, weights_digest: str) -> EvaluationRow:
+    def _score(self, episode: int, level: str, weights_digest: str) -> EvaluationRow:
         begin = time.perf_counter()
         levels = self._config.evaluation.levels
-        score = evaluate(self._policy, map(partial(self._levels.evaluation, level), range(levels)))
+        score = evaluate(self._policy(level), map(partial(self._levels.evaluation, level), range(levels)))
         return EvaluationRow(
             episode=episode,
             level=level,
@@ -117,10 +107,17 @@ class Evaluator:
             arrived_share=score.arrived_share,
             all_arrived_share=score.all_arrived_share,
             mean_steps=score.mean_steps,
+            score=score.mean_score,
             weights_digest=weights_digest,
             evaluated_unix_s=round(time.time(), 3),
             evaluating_s=round(time.perf_counter() - begin, 3),
         )
+
+    def _policy(self, level: str) -> Policy:
+        player = self._players.of(level)
+        if self._config.evaluation.mode == "greedy":
+            return greedy(player, self._network)
+        return sampled(player, self._network, self._config.seed)
 
     def _stops(self) -> bool:
         return self._context.stopping.asked
@@ -131,4 +128,4 @@ class Evaluator:
         self._beat("evaluating")
 
     def _beat(self, state: str) -> None:
-        self._context.heartbeat.beat(state, lambda: {"evaluations": float(len(self._file.rows))})
+        self._context.heartbeat.beat(state, lambda: EvaluatorReport(evaluations=len(self._file.rows)))

@@ -10,12 +10,13 @@ import torch
 
 from common import checkpoint
 from common.checkpoint import CheckpointError, Tensors
-from common.config import RunConfig
+from common.config import RunConfig, config_of_science
 from common.folder import RunFolder
 from common.process import Fatal
-from common.records import EpisodeRow
+from common.records.rows import EpisodeRow
 from common.rows import DamagedRows, RowFile
 from common.snapshots import newest_snapshot
+from common.strict import ConfigError
 
 log = logging.getLogger(__name__)
 
@@ -27,6 +28,7 @@ class Archive:
 
     def __init__(self, folder: RunFolder, config: RunConfig) -> None:
         self._folder = folder
+        self._config = config
         self._science = json.dumps(config.science, sort_keys=True)
         self._algorithm = config.algorithm
         self._expected: dict[int, str] = {}
@@ -60,7 +62,7 @@ class Archive:
         tensors: Tensors | None = None
         if newest is not None:
             tensors, metadata = newest
-            if metadata.get("science") != self._science:
+            if not _is_of(self._config, metadata.get("science", "")):
                 raise Fatal("the newest snapshot has another configuration: restore config.yaml or use a new run name")
             self.snapshot = int(metadata.get("episode", "0"))
             self.version = int(metadata.get("weights_version", "0"))
@@ -119,6 +121,14 @@ class Archive:
             "science": self._science,
             "arithmetic": arithmetic(),
         }
+
+
+def _is_of(config: RunConfig, science: str) -> bool:
+    """Whether a file's science is that of a configuration, however its version wrote it."""
+    try:
+        return config_of_science(science).science == config.science
+    except (ValueError, ConfigError):
+        return False
 
 
 def arithmetic() -> str:

@@ -3,33 +3,38 @@
 The machine code is kept beside the sources, or in the user's cache where those cannot be written.
 """
 
-from typing import Any
-
-from common.config import DqnConfig, NetworkConfig, PpoConfig, ReplayConfig, SilConfig
+from common.rules import settings_of
+from common.rules.settings import RuleSettings
 from services.learner.learning import Learning, build_trainer
-from services.learner.selfcheck import made_up_episode
+from services.learner.selfcheck import N_FEATURES, made_up_episode
 
-DQN = DqnConfig(learning_rate=1e-3, batch_size=8, learn_every_steps=30, target_tau=0.5)
-PPO = PpoConfig(learning_rate=1e-3, epochs=1)
+SECTIONS = {
+    "dqn": {"learning_rate": 1e-3, "batch_size": 8, "learn_every_steps": 30, "target_tau": 0.5},
+    "ppo": {"learning_rate": 1e-3, "epochs": 1},
+    "sil": {"epochs": 1, "batch_size": 8},
+    "uniform": {"kind": "uniform", "capacity": 1000},
+    "prioritized": {"kind": "prioritized", "capacity": 1000, "beta": 0},
+}
+RULES = {
+    "dqn": {"dqn": "dqn", "replay": "uniform"},
+    "drqn": {"dqn": "dqn", "replay": "prioritized"},
+    "sil": {"ppo": "ppo", "sil": "sil", "replay": "prioritized"},
+}
+HIDDEN = {"hidden": [16, 16]}
 
 
-def learning(kind: str, replay: ReplayConfig, **sections: Any) -> Learning:
+def learning(rule: str) -> Learning[RuleSettings]:
     """A small setting."""
-    network = NetworkConfig.model_validate({"kind": kind, "hidden": [16, 16]})
-    return Learning(seed=1, episodes=2, discount=0.9, network=network, replay=replay, **sections)
+    sections = {key: SECTIONS[name] for key, name in RULES[rule].items()}
+    network = HIDDEN | ({"kind": "dueling"} if rule == "dqn" else {})
+    settings = settings_of(rule).model_validate({"network": network, **sections})
+    return Learning(1, 2, settings, N_FEATURES)
 
 
 def main() -> None:
     """Two episodes with each kind of network and replay."""
-    uniform = ReplayConfig(capacity=1000)
-    prioritised = ReplayConfig(kind="prioritized", capacity=1000, beta=0)
-    settings = {
-        "dqn": learning("dueling", uniform, dqn=DQN),
-        "drqn": learning("recurrent", prioritised, dqn=DQN),
-        "sil": learning("actor-critic", prioritised, ppo=PPO, sil=SilConfig(epochs=1, batch_size=8)),
-    }
-    for rule, setting in settings.items():
-        trainer = build_trainer(rule, setting)
+    for rule in RULES:
+        trainer = build_trainer(rule, learning(rule))
         for number in range(2):
             trainer.train(made_up_episode(number))
         trainer.restore(trainer.state())

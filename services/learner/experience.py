@@ -1,36 +1,36 @@
 """Decisions to learn a policy from, and a replay of them."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from common.config import ReplayConfig
+from common.rules.replay import ReplayConfig
 from common.seeding import stream_key
 from services.learner.replay.replay import Replay
 
-COLUMNS = {
-    "action_tm1": np.int8,
-    "return_t": np.float32,
-    "least_return_t": np.float32,
-    "log_probability_tm1": np.float32,
-    "value_tm1": np.float32,
-}
 ROWS = ("observation_tm1",)
 DRAWS = "draws"  # the name of their number in a state
 
 
 class Experience(NamedTuple):
-    """B decisions in memory that torch allocated; values and returns are scaled (`services.learner.returns`)."""
+    """B decisions in memory that torch allocated; values and returns are scaled (`services.learner.returns`).
 
-    observation_tm1: Tensor  # [B, F] float32
-    action_tm1: Tensor  # [B] int64
-    return_t: Tensor  # [B] float32
-    least_return_t: Tensor  # [B] float32, if the trains that the step limit stopped never arrive
-    log_probability_tm1: Tensor  # [B] float32, of the action when it was chosen
-    value_tm1: Tensor  # [B] float32, the critic's when the action was chosen
+    With each stands what a replay keeps it as.
+    """
+
+    observation_tm1: Annotated[Tensor, np.float32]  # [B, F] float32
+    action_tm1: Annotated[Tensor, np.int8]  # [B] int64
+    return_t: Annotated[Tensor, np.float32]  # [B] float32
+    least_return_t: Annotated[Tensor, np.float32]  # [B] float32, if trains that the step limit stopped never arrive
+    log_probability_tm1: Annotated[Tensor, np.float32]  # [B] float32, of the action when it was chosen
+    value_tm1: Annotated[Tensor, np.float32]  # [B] float32, the critic's when the action was chosen
+
+
+KEPT_AS = {name: hint.__metadata__[0] for name, hint in get_type_hints(Experience, include_extras=True).items()}
+COLUMNS = {name: dtype for name, dtype in KEPT_AS.items() if name not in ROWS}
 
 
 class Drawn(NamedTuple):
@@ -53,8 +53,8 @@ class ExperienceReplay:
 
     def add(self, new: Experience, priorities: NDArray[np.float64] | None = None) -> None:
         """Append decisions, oldest first; `priorities` [B] are for a prioritised replay."""
-        items = {name: getattr(new, name).numpy() for name in Experience._fields}
-        self._replay.add(items | {"action_tm1": items["action_tm1"].astype(np.int8)}, priorities)
+        items = {name: getattr(new, name).numpy().astype(dtype, copy=False) for name, dtype in KEPT_AS.items()}
+        self._replay.add(items, priorities)
 
     def sample(self, size: int) -> Drawn:
         """A batch, with replacement. Weights of importance are left out: no rule of a policy asks for them."""

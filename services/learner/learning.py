@@ -6,52 +6,51 @@ An update rule is a module of `services.learner.algorithms` with a function `bui
 import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, cast
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from common.config import DqnConfig, NetworkConfig, PpoConfig, ReplayConfig, RunConfig, SilConfig
-from common.rail.normalise import N_FEATURES
+from common.config import RunConfig
 from common.rail.world import N_ACTIONS
-from common.records import Episode
+from common.records.acting import Fragment
+from common.rules.settings import RuleSettings
+
+S_co = TypeVar("S_co", bound=RuleSettings, covariant=True)
 
 
 @dataclass(frozen=True)
-class Learning:
-    """What a learning curve depends on besides the episodes; sections as in `RunConfig`."""
+class Learning(Generic[S_co]):
+    """What a learning curve depends on besides the episodes.
+
+    Attributes:
+        seed: of the run.
+        episodes: of the run.
+        settings: of its rule.
+        n_features: F, what trains see.
+        n_actions: A.
+        least_reward: what a train gets in a step that gets the least for ever.
+    """
 
     seed: int
     episodes: int
-    discount: float
-    network: NetworkConfig
-    dqn: DqnConfig | None = None
-    ppo: PpoConfig | None = None
-    sil: SilConfig | None = None
-    replay: ReplayConfig | None = None
-    n_features: int = N_FEATURES
+    settings: S_co
+    n_features: int
     n_actions: int = N_ACTIONS
+    least_reward: float = -1.0
 
-    @classmethod
-    def of(cls, config: RunConfig) -> "Learning":
-        """The part of a run's configuration that learning sees."""
-        return cls(
-            seed=config.seed,
-            episodes=config.episodes,
-            discount=config.discount,
-            network=config.network,
-            dqn=config.dqn,
-            ppo=config.ppo,
-            sil=config.sil,
-            replay=config.replay,
-        )
+
+def learning_of(config: RunConfig) -> Learning[RuleSettings]:
+    """The part of a run's configuration that learning sees."""
+    world = config.world
+    return Learning(config.seed, config.episodes, config.learning, world.n_features, least_reward=world.reward.floor)
 
 
 class Trainer(Protocol):
     """Everything that learning changes: a function of `Learning` and of the episodes, in order."""
 
-    def train(self, episode: Episode) -> dict[str, float]:
-        """Learn from an episode or its next fragment; returns what there is to tell about it, by name."""
+    def train(self, fragment: Fragment) -> dict[str, float]:
+        """Learn from an episode or its next fragment; returns its metrics, by name."""
 
     def weights(self) -> dict[str, NDArray[np.float32]]:
         """A copy of the parameters that actors act with."""
@@ -59,7 +58,7 @@ class Trainer(Protocol):
     def state(self) -> dict[str, NDArray[Any]]:
         """A copy of everything but the open episode."""
 
-    def restore(self, state: Mapping[str, NDArray[Any]], opened: Sequence[Episode] = ()) -> None:
+    def restore(self, state: Mapping[str, NDArray[Any]], opened: Sequence[Fragment] = ()) -> None:
         """Take on the `state` of a trainer with the same settings: all that follows is the same to the bit.
 
         Args:
@@ -87,15 +86,11 @@ def by_part(state: Mapping[str, NDArray[Any]], *parts: str) -> dict[str, dict[st
 
 
 def means(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """The mean of each metric over the updates that tell it."""
+    """The mean of each metric over the updates that have it."""
     names = dict.fromkeys(name for row in rows for name in row)
     return {name: float(np.mean([row[name] for row in rows if name in row])) for name in names}
 
 
-def build_trainer(rule: str, learning: Learning) -> Trainer:
-    """The trainer of an update rule.
-
-    Raises:
-        ValueError: the rule lacks a section of the configuration that it needs.
-    """
+def build_trainer(rule: str, learning: Learning[RuleSettings]) -> Trainer:
+    """The trainer of an update rule, for settings of this rule."""
     return cast("Trainer", importlib.import_module(f"services.learner.algorithms.{rule}").build(learning))

@@ -7,8 +7,8 @@ before. Training is strictly in order. Leases belong to living actors only; what
 
 from collections.abc import Iterable, Sequence
 
-from common.config import Difficulty
-from common.records import Episode
+from common.levels.distributions import ANY
+from common.records.acting import Fragment
 
 Unit = tuple[int, int]  # episode, fragment
 
@@ -16,16 +16,14 @@ Unit = tuple[int, int]  # episode, fragment
 class Ledger:
     """The account of the episodes 0..N-1 of a run."""
 
-    def __init__(
-        self, difficulties: Sequence[Difficulty], lag: int, trained: int = 0, fragment: int = 0, version: int = 0
-    ) -> None:
-        self.difficulties = difficulties
+    def __init__(self, levels: Sequence[str], lag: int, trained: int = 0, fragment: int = 0, version: int = 0) -> None:
+        self.levels = levels  # the name of each episode's distribution
         self._lag = lag
         self.trained = trained  # episodes below this number are trained
         self.fragment = fragment  # of episode `trained`: those below are trained
         self.version = version  # of the weights: how many fragments were ever trained
         self._leases: dict[Unit, str] = {}  # to the incarnation of an actor
-        self._received: dict[Unit, Episode] = {}
+        self._received: dict[Unit, Fragment] = {}
         self._brought_by: dict[Unit, str | None] = {}
         self._alive: set[str] = set()
         self._holder: str | None = None  # the actor whose world probably stands where the open episode goes on
@@ -34,7 +32,7 @@ class Ledger:
 
     @property
     def total(self) -> int:
-        return len(self.difficulties)
+        return len(self.levels)
 
     @property
     def finished(self) -> bool:
@@ -44,16 +42,19 @@ class Ledger:
     def leased(self) -> int:
         return len(self._leases)
 
+    def lessee(self, unit: Unit) -> str | None:
+        """The incarnation that holds the lease of a unit."""
+        return self._leases.get(unit)
+
     def weights_version(self, episode: int) -> int:
         """The version of the weights that an episode, or the open episode's next fragment, acts with."""
         return self.version - self.trained + max(0, episode - self._lag)
 
-    def waiting(self) -> dict[Difficulty, int]:
-        """How many episodes of each difficulty could be acted now but are not."""
-        counts: dict[Difficulty, int] = {}
+    def waiting(self) -> dict[str, int]:
+        """How many episodes of each distribution could be acted now but are not."""
+        counts: dict[str, int] = {}
         for episode, _ in self._free():
-            difficulty = self.difficulties[episode]
-            counts[difficulty] = counts.get(difficulty, 0) + 1
+            counts[self.levels[episode]] = counts.get(self.levels[episode], 0) + 1
         return counts
 
     def actor_came(self, incarnation: str) -> None:
@@ -66,18 +67,20 @@ class Ledger:
         self._release(incarnation, keep=set())
 
     def missing(self, incarnation: str, kept: Iterable[Unit]) -> list[Unit]:
-        """Of what an actor keeps, that which the learner lacks; it counts as leased to it.
+        """Of what a living actor keeps, that which the learner lacks and nobody else acts; it counts as leased to it.
 
         An actor asks only when it acts nothing, so leases of its that it does not keep never reached it, and end.
         """
-        wanted = [unit for unit in kept if self._is_to_come(unit) and unit not in self._received]
-        self._release(incarnation, keep=set(wanted))
-        if incarnation in self._alive:
-            self._leases.update(dict.fromkeys(wanted, incarnation))
-        return wanted
+        lacking = [
+            unit for unit in kept if self.is_to_come(unit) and self._leases.get(unit, incarnation) == incarnation
+        ]
+        lacking = lacking if incarnation in self._alive else []
+        self._release(incarnation, keep=set(lacking))
+        self._leases.update(dict.fromkeys(lacking, incarnation))
+        return lacking
 
     def grant(self, incarnation: str, serves: str) -> Unit | None:
-        """Lease what waits first of a served difficulty to a living actor; none if there is none.
+        """Lease what waits first of a served distribution to a living actor; None if there is nothing.
 
         An open episode goes on where its world already stands, as long as that actor lives.
         """
@@ -85,43 +88,50 @@ class Ledger:
             return None
         for unit in self._free():
             elsewhere = unit[1] > 0 and self._holder in self._alive and self._holder != incarnation
-            if serves in ("any", self.difficulties[unit[0]]) and not elsewhere:
+            if serves in (ANY, self.levels[unit[0]]) and not elsewhere:
                 self._leases[unit] = incarnation
                 return unit
         return None
 
-    def receive(self, episode: Episode) -> bool:
-        """Take an episode or fragment in; false for one that is there or trained already."""
-        unit = (episode.episode, episode.fragment)
-        if not self._is_to_come(unit) or unit in self._received:
+    def is_to_come(self, unit: Unit) -> bool:
+        """A unit of this run that is neither trained nor here."""
+        return (self.trained, self.fragment) <= unit < (self.total, 0) and unit not in self._received
+
+    def receive(self, fragment: Fragment) -> bool:
+        """Take an episode or fragment in; False for one that is not to come."""
+        unit = fragment.lease.unit
+        if not self.is_to_come(unit):
             self.duplicates += 1
             return False
         self._brought_by[unit] = self._leases.pop(unit, None)
-        self._received[unit] = episode
+        self._received[unit] = fragment
         return True
 
-    def next_ready(self) -> Episode | None:
+    def next_ready(self) -> Fragment | None:
         """What is to be trained now, if it is here."""
         return self._received.get((self.trained, self.fragment))
 
-    def discard(self) -> None:
-        """What `next_ready` named is not as it must be: it waits again."""
+    def discard(self) -> str | None:
+        """What `next_ready` named is not as it must be and waits again; returns the incarnation that brought it."""
         unit = (self.trained, self.fragment)
-        del self._received[unit], self._brought_by[unit]
+        del self._received[unit]
+        return self._brought_by.pop(unit)
+
+    def end_lease(self, unit: Unit) -> None:
+        """A leased unit waits again."""
+        del self._leases[unit]
+        self.reissued += 1
 
     def mark_trained(self) -> None:
         """What `next_ready` named is trained."""
         unit = (self.trained, self.fragment)
-        episode, self._holder = self._received.pop(unit), self._brought_by.pop(unit)
+        fragment, self._holder = self._received.pop(unit), self._brought_by.pop(unit)
         self.version += 1
-        if episode.over:
+        if fragment.course.over:
             self.trained += 1
             self.fragment = 0
         else:
             self.fragment += 1
-
-    def _is_to_come(self, unit: Unit) -> bool:
-        return (self.trained, self.fragment) <= unit < (self.total, 0)
 
     def _free(self) -> list[Unit]:
         last = min(self.trained + self._lag, self.total - 1)
@@ -130,5 +140,4 @@ class Ledger:
 
     def _release(self, incarnation: str, keep: set[Unit]) -> None:
         for unit in [unit for unit, who in self._leases.items() if who == incarnation and unit not in keep]:
-            del self._leases[unit]
-            self.reissued += 1
+            self.end_lease(unit)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.checkpoint import Tensors
-from common.records import Episode
+from common.records.acting import Fragment
 from common.wire.codec import decode, encode, encoding_of
 
 # What the names of its arrays begin with:
@@ -24,7 +24,7 @@ class Memory:
 
     older: dict[int, Tensors]
     settled: Tensors
-    opened: list[Episode]
+    opened: list[Fragment]
 
     def tensors(self) -> Tensors:
         """As named arrays."""
@@ -52,5 +52,5 @@ def take_memory(snapshot: Tensors) -> Memory:
         elif name.startswith(SETTLED):
             settled[name.removeprefix(SETTLED)] = snapshot.pop(name)
         elif name.startswith(OPEN):
-            opened.append(decode(Episode, encoding_of(Episode), snapshot.pop(name).tobytes()))
+            opened.append(decode(Fragment, encoding_of(Fragment), snapshot.pop(name).tobytes()))
     return Memory(older, settled, opened)

@@ -5,48 +5,43 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from common.records import Episode, Progressed
+from common.records.acting import Fragment, Progressed
 
 
 @dataclass(frozen=True)
 class OpenEpisode:
     """The fragments so far, in order, and what they add up to."""
 
-    fragments: list[Episode] = field(default_factory=list)
+    fragments: list[Fragment] = field(default_factory=list)
 
     @property
     def steps(self) -> int:
-        return sum(len(fragment.rewards) for fragment in self.fragments)
+        return sum(len(fragment.course.rewards) for fragment in self.fragments)
 
     @property
     def decisions(self) -> int:
-        return sum(len(fragment.actions) for fragment in self.fragments)
+        return sum(len(fragment.course.decisions) for fragment in self.fragments)
 
     @property
     def reward(self) -> float:
-        """Of all trains; their rewards are whole numbers, so that no sum rounds."""
-        return sum(float(fragment.rewards.sum(dtype=np.float64)) for fragment in self.fragments)
-
-    @property
-    def weights_version(self) -> int:
-        """That the first fragment acted with."""
-        return self.fragments[0].weights_version
+        """The sum of all rewards of all trains."""
+        return sum(float(fragment.course.rewards.sum(dtype=np.float64)) for fragment in self.fragments)
 
     @property
     def acting_s(self) -> float:
-        return sum(fragment.acting_s for fragment in self.fragments)
+        return sum(fragment.circumstances.acting_s for fragment in self.fragments)
 
     @property
     def waited_s(self) -> float:
-        return sum(fragment.waited_s for fragment in self.fragments)
+        return sum(fragment.circumstances.waited_s for fragment in self.fragments)
 
     @property
     def progressed(self) -> Progressed | None:
-        """What an actor needs to go on; none before the first fragment."""
+        """What an actor needs to go on; None before the first fragment."""
         if not self.fragments:
             return None
-        actions = np.concatenate([fragment.actions for fragment in self.fragments])
-        states = self.fragments[-1].states
+        actions = np.concatenate([fragment.course.decisions.actions for fragment in self.fragments])
+        states = self.fragments[-1].course.states
         return Progressed(fragment=len(self.fragments), first_step=self.steps, actions=actions, states=states)
 
     @property

@@ -7,9 +7,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from common.config import DqnConfig
 from common.policy.networks import export_parameters
 from common.policy.recurrent import RecurrentQNetwork
+from common.rules.values import DqnConfig
 from services.learner.training import Batch
 
 

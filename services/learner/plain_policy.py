@@ -5,8 +5,9 @@ The losses are ours; network, gradients and optimiser are torch's own.
 
 from torch import Tensor, nn, optim
 
-from common.config import PpoConfig, SilConfig
 from common.policy.actor_critic import ActorCritic
+from common.rules.policies import PpoConfig
+from common.rules.sil import SilConfig
 from services.learner.algorithms.ppo import (
     clipped_surrogate,
     clipped_value_loss,

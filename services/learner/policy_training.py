@@ -10,15 +10,16 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from common.config import PpoConfig
 from common.policy.actor_critic import build_actor_critic
-from common.records import Episode
+from common.records.acting import Fragment
+from common.records.course import Course
+from common.rules.policies import PolicySettings
 from services.learner.experience import Experience
 from services.learner.learning import Learning, by_part, means
 from services.learner.network.policies import PolicyNetwork
 from services.learner.network.sparse import sparse_rows
 from services.learner.replay.transitions import check_order
-from services.learner.returns import LEAST, decision_returns
+from services.learner.returns import decision_returns
 
 
 class PolicyRule(Protocol):
@@ -37,45 +38,44 @@ class PolicyRule(Protocol):
         """Take on a `state`; ValueError names the tensor that does not fit."""
 
 
-def build_network(learning: Learning, ppo: PpoConfig) -> PolicyNetwork:
+def build_network(learning: Learning[PolicySettings]) -> PolicyNetwork:
     """The network of a run as its seed makes it."""
-    network = build_actor_critic(learning.network, learning.n_features, learning.n_actions, learning.seed)
+    settings, sizes = learning.settings, (learning.n_features, learning.n_actions, learning.seed)
+    network, ppo = settings.module(*sizes) or build_actor_critic(settings.network, *sizes), settings.ppo
     return PolicyNetwork(network, ppo.learning_rate, ppo.max_gradient_norm)
 
 
 class PolicyTrainer:
     """A `services.learner.learning.Trainer` around a rule and the network that the rule trains."""
 
-    def __init__(self, learning: Learning, network: PolicyNetwork, rule: PolicyRule) -> None:
-        if learning.discount >= 1:
-            raise ValueError(f"discount {learning.discount}: returns are scaled by 1 - discount, make it less than 1")
-        self._discount = learning.discount
+    def __init__(self, learning: Learning[PolicySettings], network: PolicyNetwork, rule: PolicyRule) -> None:
+        self._discount = learning.settings.discount
+        self._least_reward = learning.least_reward
         self._network = network
         self._rule = rule
 
-    def train(self, episode: Episode) -> dict[str, float]:
+    def train(self, fragment: Fragment) -> dict[str, float]:
         """Learn from a whole episode.
 
         Returns:
-            `updates` and `transitions`, how many there were; the means of what the updates tell, of those that tell
-            it; and what the rule tells.
+            `updates` and `transitions`, how many there were; the means of the metrics of the updates that have
+            them; and the metrics of the rule.
 
         Raises:
             ValueError: the episode is a fragment or does not fit the network, or its decisions are out of order.
             FloatingPointError: training has diverged.
         """
-        if not episode.whole:
-            raise ValueError(f"episode {episode.episode} is a fragment: a policy learns from whole ones")
-        n_features = episode.observations.shape[1]
+        episode, decisions = fragment.lease.episode, fragment.course.decisions
+        if not fragment.whole:
+            raise ValueError(f"episode {episode} is a fragment: a policy learns from whole ones")
+        n_features = decisions.observations.shape[1]
         if n_features != self._network.n_features:
-            raise ValueError(
-                f"episode {episode.episode} has {n_features} features, the network {self._network.n_features}"
-            )
-        check_order(episode)
-        rows = self._rule.learn(self._experience(episode)) if len(episode.times) else []
+            raise ValueError(f"episode {episode} has {n_features} features, the network {self._network.n_features}")
+        check_order(fragment)
+        rows = self._rule.learn(self._experience(fragment.course)) if len(decisions) else []
         return {
             "updates": float(len(rows)),
-            "transitions": float(len(episode.times)),
+            "transitions": float(len(decisions)),
             **means(rows),
             **self._rule.metrics(),
         }
@@ -91,7 +91,7 @@ class PolicyTrainer:
             **{f"rule/{name}": array for name, array in self._rule.state().items()},
         }
 
-    def restore(self, state: Mapping[str, NDArray[Any]], opened: Sequence[Episode] = ()) -> None:
+    def restore(self, state: Mapping[str, NDArray[Any]], opened: Sequence[Fragment] = ()) -> None:
         """Take on the `state` of a trainer with the same settings: all that follows is the same to the bit.
 
         Args:
@@ -102,19 +102,19 @@ class PolicyTrainer:
             ValueError: naming the tensor that is missing, unknown or does not fit.
         """
         if opened:
-            raise ValueError(f"episode {opened[0].episode} is a fragment: a policy learns from whole ones")
+            raise ValueError(f"episode {opened[0].lease.episode} is a fragment: a policy learns from whole ones")
         parts = by_part(state, "learner", "rule")
         self._network.restore(parts["learner"])
         self._rule.restore(parts["rule"])
 
-    def _experience(self, episode: Episode) -> Experience:
-        final = episode.final_observations
-        values = self._network.values(sparse_rows(torch.tensor(final))).numpy()
+    def _experience(self, course: Course) -> Experience:
+        values = self._network.values(sparse_rows(torch.tensor(course.final_observations))).numpy()
+        least, decisions = np.full_like(values, self._least_reward), course.decisions
         return Experience(
-            observation_tm1=torch.tensor(episode.observations),
-            action_tm1=torch.tensor(episode.actions, dtype=torch.int64),
-            return_t=torch.tensor(decision_returns(episode, values, self._discount)),
-            least_return_t=torch.tensor(decision_returns(episode, np.full_like(values, LEAST), self._discount)),
-            log_probability_tm1=torch.tensor(episode.log_probabilities),
-            value_tm1=torch.tensor(episode.values),
+            observation_tm1=torch.tensor(decisions.observations),
+            action_tm1=torch.tensor(decisions.actions, dtype=torch.int64),
+            return_t=torch.tensor(decision_returns(course, values, self._discount)),
+            least_return_t=torch.tensor(decision_returns(course, least, self._discount)),
+            log_probability_tm1=torch.tensor(decisions.log_probabilities),
+            value_tm1=torch.tensor(decisions.values),
         )

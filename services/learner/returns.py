@@ -17,26 +17,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import bare_kernel
-from common.records import Episode
-
-LEAST = -1.0  # scaled: what a train is worth that pays 1 a step for ever
+from common.records.course import Course
 
 
-def decision_returns(episode: Episode, final_values: NDArray[np.float32], discount: float) -> NDArray[np.float32]:
+def decision_returns(course: Course, final_values: NDArray[np.float32], discount: float) -> NDArray[np.float32]:
     """What the trains get from each decision of an episode on.
 
     Args:
-        episode: whole.
+        course: of a whole episode.
         final_values: [N], scaled values of what trains saw last that the step limit stopped; of others not looked at.
         discount: gamma, a step, less than 1.
 
     Returns:
         [D], scaled by 1 - gamma.
     """
-    following = np.where(episode.arrived_at < 0, final_values, np.float32(0))
-    returns = np.empty(episode.rewards.shape, np.float32)
-    accumulate(np.ascontiguousarray(episode.rewards), following, discount, returns)
-    decided: NDArray[np.float32] = returns[episode.times, episode.trains]
+    following = np.where(course.arrived_at < 0, final_values, np.float32(0))
+    returns = np.empty(course.rewards.shape, np.float32)
+    accumulate(np.ascontiguousarray(course.rewards), following, discount, returns)
+    decided: NDArray[np.float32] = returns[course.decisions.times, course.decisions.trains]
     return decided
 
 

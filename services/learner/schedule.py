@@ -1,22 +1,58 @@
-"""Which difficulty each episode has: a function of the configuration's mix and seed."""
+"""What the leases of a run say of each episode: a function of the configuration alone."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 
-from common.config import Difficulty, RunConfig
-from common.seeding import stream_key, uniform
-
-
-def difficulties(config: RunConfig) -> Sequence[Difficulty]:
-    """The difficulty of each of the run's episodes."""
-    if len(config.mix) == 1:
-        return [next(iter(config.mix))] * config.episodes
-    key = stream_key(config.seed, 0, "difficulty")
-    return [_pick(config.mix, uniform(key, episode)) for episode in range(config.episodes)]
+from common.config import RunConfig
+from common.seeding import stream_key, training_level_seed, uniform
 
 
-def _pick(mix: dict[Difficulty, float], draw: float) -> Difficulty:
-    for difficulty in sorted(mix):
-        draw -= mix[difficulty]
+@dataclass(frozen=True)
+class Schedule:
+    """What every episode is acted on, and how.
+
+    Attributes:
+        levels: the name of the level distribution, for each episode.
+        level_seed: of an episode.
+        epsilon: the share of random actions in an episode; 0 for policies, which explore by what they are.
+        lag: how many episodes more than one may be under way at a time.
+        fragment_steps: leases end where the steps of the run are multiples of it; None: they cover whole episodes.
+    """
+
+    levels: Sequence[str]
+    level_seed: Callable[[int], int]
+    epsilon: Callable[[int], float]
+    lag: int = 0
+    fragment_steps: int | None = None
+
+    @classmethod
+    def of(cls, config: RunConfig) -> "Schedule":
+        """The schedule of a run."""
+        return cls(
+            levels=drawn_levels({str(name): share for name, share in config.mix.items()}, config.episodes, config.seed),
+            level_seed=partial(training_level_seed, config.seed),
+            epsilon=partial(_epsilon, config),
+            lag=config.lag,
+            fragment_steps=config.learning.steps_a_fragment,
+        )
+
+
+def _epsilon(config: RunConfig, episode: int) -> float:
+    return config.learning.epsilon(episode, config.episodes)
+
+
+def drawn_levels(mix: Mapping[str, float], episodes: int, seed: int) -> Sequence[str]:
+    """The level distribution of each episode: drawn with the shares of `mix`."""
+    if len(mix) == 1:
+        return [next(iter(mix))] * episodes
+    key = stream_key(seed, 0, "difficulty")
+    return [_pick(mix, uniform(key, episode)) for episode in range(episodes)]
+
+
+def _pick(mix: Mapping[str, float], draw: float) -> str:
+    for name in sorted(mix):
+        draw -= mix[name]
         if draw < 0:
-            return difficulty
+            return name
     return max(mix)

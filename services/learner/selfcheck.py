@@ -9,60 +9,65 @@ import os
 
 import numpy as np
 
-from common.config import DqnConfig, NetworkConfig, ReplayConfig
 from common.policy.determinism import deterministic_torch
-from common.records import Episode
+from common.records.acting import Circumstances, Fragment, Lease
+from common.records.course import Course, Decisions
+from common.rules.dqn import QNetworkConfig, Settings
+from common.rules.replay import PrioritizedReplay
+from common.rules.values import DqnConfig
 from services.learner.learning import Learning, build_trainer
 
 N_FEATURES, N_ACTIONS, TRAINS, STEPS, EPISODES = 252, 5, 3, 60, 6
 
 
-def made_up_episode(number: int) -> Episode:
+def made_up_episode(number: int) -> Fragment:
     """An episode whose content is a function of its number, in memory at a random alignment."""
     rng = np.random.Generator(np.random.Philox(key=number))
-    decisions = TRAINS * STEPS
+    count = TRAINS * STEPS
     shift = os.urandom(1)[0] % 16
-    buffer = np.empty(shift + decisions * N_FEATURES, np.float32)
-    observations = buffer[shift:].reshape(decisions, N_FEATURES)
-    observations[:] = -rng.random((decisions, N_FEATURES), np.float32)
-    return Episode(
-        episode=number,
-        fragment=0,
-        first_step=0,
-        over=True,
-        level="easy",
-        level_seed=number,
-        level_hash="0" * 32,
-        weights_version=number,
-        actor="selfcheck",
-        acting_s=0.0,
-        waited_s=0.0,
-        max_steps=STEPS,
+    buffer = np.empty(shift + count * N_FEATURES, np.float32)
+    observations = buffer[shift:].reshape(count, N_FEATURES)
+    observations[:] = -rng.random((count, N_FEATURES), np.float32)
+    decisions = Decisions(
         observations=observations,
         times=np.repeat(np.arange(STEPS, dtype=np.int32), TRAINS),
         trains=np.tile(np.arange(TRAINS, dtype=np.int32), STEPS),
-        actions=rng.integers(0, N_ACTIONS, decisions, np.int8),
-        log_probabilities=np.zeros(decisions, np.float32),
-        values=np.zeros(decisions, np.float32),
+        actions=rng.integers(0, N_ACTIONS, count, np.int8),
+        log_probabilities=np.zeros(count, np.float32),
+        values=np.zeros(count, np.float32),
+    )
+    course = Course(
+        level_hash="0" * 32,
+        max_steps=STEPS,
+        first_step=0,
+        over=True,
+        decisions=decisions,
         rewards=np.full((STEPS, TRAINS), -1, np.float32),
         arrived_at=np.full(TRAINS, -1, np.int32),
         final_observations=np.zeros((TRAINS, N_FEATURES), np.float32),
         states=np.zeros((TRAINS, 0), np.float32),
     )
+    lease = Lease(
+        episode=number,
+        level="easy",
+        level_seed=number,
+        weights_version=number,
+        epsilon=0.0,
+        steps=None,
+        progressed=None,
+    )
+    circumstances = Circumstances(actor="selfcheck", acting_s=0.0, waited_s=0.0)
+    return Fragment(lease=lease, course=course, circumstances=circumstances)
 
 
 def main() -> None:
     deterministic_torch()
-    learning = Learning(
-        seed=1,
-        episodes=EPISODES,
-        discount=0.99,
-        network=NetworkConfig(kind="dueling"),
+    settings = Settings(
+        network=QNetworkConfig(kind="dueling"),
         dqn=DqnConfig(learning_rate=3e-4, batch_size=150, learn_every_steps=5, target_tau=0.01),
-        replay=ReplayConfig(kind="prioritized", capacity=1000),
-        n_features=N_FEATURES,
-        n_actions=N_ACTIONS,
+        replay=PrioritizedReplay(capacity=1000),
     )
+    learning = Learning(1, EPISODES, settings, N_FEATURES, N_ACTIONS)
     trainer = build_trainer("dqn", learning)
     for number in range(EPISODES):
         trainer.train(made_up_episode(number))

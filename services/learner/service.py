@@ -1,63 +1,36 @@
 """The learner's loop: messages in, leases and weights out, one episode trained at a time, strictly in order."""
 
 import logging
-import queue
 import time
-from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
-from typing import Any
-
-import numpy as np
 
 from common.bus import Question
 from common.checkpoint import Tensors
-from common.config import Difficulty, RunConfig
+from common.inbox import Inbox
 from common.process import Fatal, ServiceContext
 from common.rail.normalise import N_FEATURES
-from common.records import (
-    CheckpointFile,
-    CheckpointNotice,
-    CheckpointRequest,
-    CommandAnswer,
-    Empty,
-    Episode,
-    EpisodeRow,
-    EpisodeRows,
-    HistoryRequest,
-    LearnerCommand,
-    Lease,
-    LeaseAnswer,
-    LeaseRequest,
-    Weights,
-    WeightsRequest,
-)
-from common.seeding import training_level_seed
+from common.records.acting import Fragment, LeaseAnswer, LeaseRequest, Weights, WeightsRequest
+from common.records.checkpoints import CheckpointFile, CheckpointNotice, CheckpointRequest
+from common.records.control import CommandAnswer, Empty, LearnerCommand
+from common.records.heartbeats import LearnerReport
+from common.records.rows import EpisodeRows, HistoryRequest
 from common.wire import keys
 from common.wire.keys import Alive
+from services.learner.account import Account, is_due, row_of
 from services.learner.archive import KEPT_SNAPSHOTS, Archive
-from services.learner.learning import Learning, build_trainer
-from services.learner.ledger import Ledger, Unit
+from services.learner.desk import Desk, Reply, Start
+from services.learner.learning import build_trainer, learning_of
 from services.learner.memory import Memory, take_memory
 from services.learner.opened import OpenEpisode
-from services.learner.replay.transitions import check_order
-from services.learner.schedule import difficulties
+from services.learner.schedule import Schedule
 from services.learner.telemetry import Telemetry
 
 log = logging.getLogger(__name__)
 
-LONG_POLL_S = 2.0  # an answer without work goes out after this
-RATE_WINDOW_S = 30.0
+LeaseQuestion = Question[LeaseRequest, LeaseAnswer]
+
+TURN_S = 0.1
 HISTORY_CHUNK = 1000
-
-
-@dataclass
-class Parked:
-    """A question for work that waits."""
-
-    question: Question[LeaseRequest, LeaseAnswer]
-    deadline: float
+STORY_SHOWN = 30
 
 
 class Learner:
@@ -65,34 +38,28 @@ class Learner:
 
     def __init__(self, context: ServiceContext) -> None:
         self._context = context
-        self._config: RunConfig = context.config
+        self._config = context.config
         self._archive = Archive(context.folder, context.config)
         try:
-            self._trainer = build_trainer(self._config.rule, Learning.of(self._config))
+            self._trainer = build_trainer(self._config.rule, learning_of(self._config))
         except ValueError as error:
             raise Fatal(str(error)) from None
-        self._settled = self._trainer.weights()
+        self._settled = self._trainer.weights()  # after the last whole episode
         self._weights: dict[int, Weights] = {}
-        self._open = OpenEpisode()
         snapshot = self._archive.resume()
-        if snapshot is not None:
-            self._restore(snapshot)
-        self._ledger = Ledger(
-            difficulties(self._config),
-            self._config.lag,
-            trained=self._archive.snapshot,
-            fragment=len(self._open.fragments),
-            version=self._archive.version,
+        fragments = [] if snapshot is None else self._restore(snapshot)
+        self._account = Account(self._archive.rows, time.monotonic())
+        self._desk: Desk[LeaseQuestion] = Desk(
+            Schedule.of(self._config),
+            N_FEATURES,
+            Start(self._archive.snapshot, self._archive.version, self._account.steps, fragments),
         )
-        self._steps = sum(row.steps for row in self._archive.rows)  # of all trained episodes
         self._telemetry = Telemetry(context.folder, self._archive.snapshot)
-        self._inbox: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._parked: dict[str, Parked] = {}
+        self._inbox = Inbox()
         self._paused = context.folder.paused_file.exists()
-        self._pace: deque[tuple[float, int]] = deque([(time.monotonic(), 0)])
-        self._rejected = 0
 
-    def _restore(self, snapshot: Tensors) -> None:
+    def _restore(self, snapshot: Tensors) -> list[Fragment]:
+        """Take on a snapshot; returns the fragments of its open episode."""
         try:
             memory = take_memory(snapshot)
             if memory.settled.keys() != self._settled.keys():
@@ -102,51 +69,52 @@ class Learner:
             raise Fatal(f"the newest snapshot does not fit this version: {error}: use the one that wrote it") from None
         self._weights = {version: Weights(version=version, tensors=older) for version, older in memory.older.items()}
         self._settled = memory.settled
-        self._open = OpenEpisode(memory.opened)
+        return memory.opened
 
     def run(self) -> None:
-        """Serve until told to stop; then leave a snapshot that holds everything."""
-        self._publish_weights()
-        self._open_doors()
-        self._announce_checkpoints()
-        log.info("goes on after %d of %d episodes", self._ledger.trained, self._ledger.total)
-        while not self._context.stopping.asked:
-            self._take_messages(wait_s=0.1)
-            while not (self._paused or self._context.stopping.asked):
-                episode = self._ledger.next_ready()
-                if episode is None:
-                    break
-                self._train_if_right(episode)
-                self._answer_parked()
-                self._take_messages(wait_s=0.0)
-            self._answer_parked()
-            self._beat()
-        if self._archive.version < self._ledger.version:
+        """Serve until asked to stop; then leave a snapshot that holds everything."""
+        self.open()
+        try:
+            while not self._context.stopping.asked:
+                self.turn(TURN_S)
+        except Exception:
+            log.exception("what happened before: %s", "; ".join(list(self._desk.story)[-STORY_SHOWN:]))
+            raise
+        if self._archive.version < self._desk.ledger.version:
             self._save_snapshot()
+
+    def open(self) -> None:
+        """Publish what there is, and listen."""
+        self._publish_weights()
+        bus, into = self._context.bus, self._inbox.into
+        bus.watch_alive(keys.ALL_ALIVE, into(self._on_alive))
+        bus.subscribe(keys.FRAGMENTS, into(self._on_fragment))
+        bus.serve(keys.LEASE, into(self._on_lease))
+        bus.serve(keys.PULL_WEIGHTS, into(self._on_pull_weights))
+        bus.serve(keys.LIST_CHECKPOINTS, into(self._on_list))
+        bus.serve(keys.PULL_CHECKPOINT, into(self._on_pull_checkpoint))
+        bus.serve(keys.EPISODE_HISTORY, into(self._on_history))
+        bus.serve(keys.COMMAND_LEARNER, into(self._on_command))
+        self._announce_checkpoints()
+        log.info("goes on after %d of %d episodes", self._desk.ledger.trained, self._desk.ledger.total)
+
+    def turn(self, wait_s: float = 0.0) -> None:
+        """Handle what has arrived, train what is ready, answer who waits."""
+        self._inbox.take(wait_s)
+        while not (self._paused or self._context.stopping.asked):
+            fragment = self._desk.next_ready()
+            if fragment is None:
+                break
+            self._train(fragment)
+            self._give()
+            self._inbox.take()
+        self._give()
+        self._beat()
 
     def close(self) -> None:
         """Close the files."""
         self._archive.close()
         self._telemetry.close()
-
-    def _open_doors(self) -> None:
-        bus = self._context.bus
-        bus.watch_alive(keys.ALL_ALIVE, lambda alive, there: self._inbox.put(partial(self._on_alive, alive, there)))
-        bus.subscribe(keys.EPISODES, lambda episode: self._inbox.put(partial(self._on_episode, episode)))
-        bus.serve(keys.LEASE, lambda question: self._inbox.put(partial(self._on_lease, question)))
-        bus.serve(keys.PULL_WEIGHTS, lambda question: self._inbox.put(partial(self._on_pull_weights, question)))
-        bus.serve(keys.LIST_CHECKPOINTS, lambda question: self._inbox.put(partial(self._on_list, question)))
-        bus.serve(keys.PULL_CHECKPOINT, lambda question: self._inbox.put(partial(self._on_pull_checkpoint, question)))
-        bus.serve(keys.EPISODE_HISTORY, lambda question: self._inbox.put(partial(self._on_history, question)))
-        bus.serve(keys.COMMAND_LEARNER, lambda question: self._inbox.put(partial(self._on_command, question)))
-
-    def _take_messages(self, wait_s: float) -> None:
-        try:
-            self._inbox.get(timeout=wait_s)() if wait_s else self._inbox.get_nowait()()
-            while True:
-                self._inbox.get_nowait()()
-        except queue.Empty:
-            pass
 
     # What arrives
 
@@ -155,58 +123,16 @@ class Learner:
             return
         log.info("%s %s %s", alive.process, alive.incarnation, "came" if there else "is gone")
         if there:
-            self._ledger.actor_came(alive.incarnation)
+            self._desk.actor_came(alive.process, alive.incarnation)
         else:
-            self._ledger.actor_gone(alive.incarnation)
-            if parked := self._parked.pop(alive.incarnation, None):
-                parked.question.drop()
+            self._send(self._desk.actor_gone(alive.incarnation))
 
-    def _on_episode(self, episode: Episode) -> None:
-        if (reason := self._wrong(episode)) is not None:
-            self._refuse(episode, reason)
-        elif not self._ledger.receive(episode):
-            log.info("dropped a duplicate of episode %d from %s", episode.episode, episode.actor)
+    def _on_fragment(self, fragment: Fragment) -> None:
+        if (refusal := self._desk.arrive(fragment)) is not None:
+            log.warning("%s", refusal)
 
-    def _refuse(self, episode: Episode, reason: str) -> None:
-        self._rejected += 1
-        where = f"episode {episode.episode}, fragment {episode.fragment}"
-        log.warning("refused %s of %s: %s", where, episode.actor, reason)
-
-    def _wrong(self, episode: Episode) -> str | None:
-        if episode.episode >= self._ledger.total:
-            return f"this run has {self._ledger.total} episodes"
-        lease = self._lease((episode.episode, episode.fragment))
-        if (reason := _differs(episode, lease, "level", "level_seed")) is not None:
-            return reason
-        if episode.observations.shape[1] != N_FEATURES:
-            return f"observations have {episode.observations.shape[1]} features, the network takes {N_FEATURES}"
-        try:
-            check_order(episode)
-        except ValueError as reason:
-            return str(reason)
-        return None
-
-    def _wrong_now(self, episode: Episode) -> str | None:
-        """What shows only when all that comes before is trained."""
-        lease = self._lease((episode.episode, episode.fragment))
-        if (reason := _differs(episode, lease, "weights_version", "first_step")) is not None:
-            return reason
-        if lease.steps is None and not episode.over:
-            return "it is not over, its lease covers all of it"
-        if lease.steps is not None and not (len(episode.rewards) == lease.steps or episode.over):
-            return f"it has {len(episode.rewards)} steps, its lease {lease.steps}"
-        return None
-
-    def _on_lease(self, question: Question[LeaseRequest, LeaseAnswer]) -> None:
-        request = question.request
-        if old := self._parked.pop(request.incarnation, None):
-            old.question.drop()
-        kept = [(episode, fragment) for episode, fragment in request.kept.tolist()]
-        missing = self._ledger.missing(request.incarnation, kept)
-        if missing:
-            question.answer(self._lease_answer(None, missing))
-        else:
-            self._parked[request.incarnation] = Parked(question, time.monotonic() + LONG_POLL_S)
+    def _on_lease(self, question: LeaseQuestion) -> None:
+        self._send(self._desk.ask(question, question.request, time.monotonic()))
 
     def _on_pull_weights(self, question: Question[WeightsRequest, Weights]) -> None:
         weights = self._weights.get(question.request.version)
@@ -231,15 +157,15 @@ class Learner:
         question.answer(EpisodeRows(rows=rows[first : first + HISTORY_CHUNK], total=len(rows)))
 
     def _on_command(self, question: Question[LearnerCommand, CommandAnswer]) -> None:
-        verb = question.request.verb
+        verb, trained = question.request.verb, self._desk.ledger.trained
         if verb == "pause":
             self._context.folder.paused_file.touch()
             self._paused = True
-            text = f"paused after episode {self._ledger.trained}; railctl resume goes on"
+            text = f"paused after episode {trained}; railctl resume goes on"
         elif verb == "resume":
             self._context.folder.paused_file.unlink(missing_ok=True)
             self._paused = False
-            text = f"goes on after episode {self._ledger.trained}"
+            text = f"goes on after episode {trained}"
         else:
             self._save_snapshot()
             text = f"wrote {self._save_checkpoint()}"
@@ -249,112 +175,62 @@ class Learner:
 
     # What goes out
 
-    def _train_if_right(self, episode: Episode) -> None:
-        if (reason := self._wrong_now(episode)) is not None:
-            self._ledger.discard()
-            self._refuse(episode, reason)
-        else:
-            self._train(episode)
-
-    def _train(self, episode: Episode) -> None:
+    def _train(self, fragment: Fragment) -> None:
         with self._telemetry.learning():
-            told = self._trainer.train(episode)
-        self._ledger.mark_trained()
-        self._open.fragments.append(episode)
+            metrics = self._trainer.train(fragment)
+        episode = self._desk.mark_trained()
         with self._telemetry.publishing():
             self._publish_weights()
-        self._telemetry.note(told)
-        if not episode.over:
+        self._telemetry.note(metrics)
+        if episode is None:
             self._beat()
-            return
-        trained = self._ledger.trained
-        self._settled = self._weights[self._ledger.version].tensors
-        row = self._row(episode)
+        else:
+            self._end_episode(episode)
+
+    def _end_episode(self, episode: OpenEpisode) -> None:
+        ledger = self._desk.ledger
+        self._settled = self._weights[ledger.version].tensors
+        row = row_of(episode, time.time())
         self._archive.append(row)
-        self._telemetry.end_episode(row.episode, acting_s=self._open.acting_s, waited_s=self._open.waited_s)
-        self._open = OpenEpisode()
-        self._steps += row.steps
+        self._telemetry.end_episode(row.episode, acting_s=episode.acting_s, waited_s=episode.waited_s)
+        self._account.end_episode(row, time.monotonic())
         self._context.bus.publish(keys.EPISODE_ROWS, row)
-        self._pace.append((time.monotonic(), row.steps))
-        if trained % self._config.cluster.snapshot_every_episodes == 0 or self._ledger.finished:
+        if is_due(ledger.trained, self._config.cluster.snapshot_every_episodes, finished=ledger.finished):
             self._save_snapshot()
-        if trained % self._config.evaluation.every_episodes == 0 or self._ledger.finished:
+        if is_due(ledger.trained, self._config.evaluation.every_episodes, finished=ledger.finished):
             self._save_checkpoint()
-        self._beat(now=self._ledger.finished)
+        self._beat(now=ledger.finished)
 
     def _publish_weights(self) -> None:
-        version = self._ledger.version
+        version = self._desk.ledger.version
         weights = Weights(version=version, tensors=self._trainer.weights())
         self._weights[version] = weights
         self._weights.pop(version - self._config.lag - 2, None)
         self._context.bus.publish(keys.WEIGHTS, weights)
 
-    def _answer_parked(self) -> None:
-        now = time.monotonic()
-        for incarnation, parked in list(self._parked.items()):
-            granted = None if self._paused else self._ledger.grant(incarnation, parked.question.request.serves)
-            if granted is not None or now >= parked.deadline:
-                del self._parked[incarnation]
-                lease = None if granted is None else self._lease(granted)
-                parked.question.answer(self._lease_answer(lease, []))
+    def _give(self) -> None:
+        self._send(self._desk.give(time.monotonic(), paused=self._paused))
 
-    def _lease(self, unit: Unit) -> Lease:
-        episode, fragment = unit
-        opened = self._open if fragment > 0 and episode == self._ledger.trained else OpenEpisode()
-        every = self._config.fragment_steps  # cut where the run's steps are its multiples: there updates fall due
-        return Lease(
-            episode=episode,
-            level=self._difficulty(episode),
-            level_seed=training_level_seed(self._config.seed, episode),
-            weights_version=self._ledger.weights_version(episode),
-            epsilon=self._epsilon(episode),
-            steps=None if every is None else every - (self._steps + opened.steps) % every,
-            progressed=opened.progressed,
-        )
-
-    def _lease_answer(self, lease: Lease | None, missing: list[Unit]) -> LeaseAnswer:
-        return LeaseAnswer(
-            lease=lease,
-            missing=np.array(missing, np.int64).reshape(-1, 2),
-            safe_before=self._archive.snapshot,
-            finished=self._ledger.finished,
-        )
-
-    def _epsilon(self, episode: int) -> float:
-        """The share of random actions; policies explore by what they are."""
-        return 0.0 if self._config.dqn is None else self._config.exploration.epsilon(episode, self._config.episodes)
-
-    def _difficulty(self, episode: int) -> Difficulty:
-        return self._ledger.difficulties[episode]
-
-    def _row(self, episode: Episode) -> EpisodeRow:
-        return EpisodeRow(
-            episode=episode.episode,
-            level=episode.level,
-            seed=episode.level_seed,
-            normalised_return=self._open.reward / (len(episode.arrived_at) * episode.max_steps),
-            arrived=int((episode.arrived_at >= 0).sum()),
-            trains=len(episode.arrived_at),
-            steps=self._open.steps,
-            decisions=self._open.decisions,
-            epsilon=self._epsilon(episode.episode),
-            weights_version=self._open.weights_version,
-            digest=self._open.digest,
-            actor=episode.actor,
-            acting_s=round(self._open.acting_s, 4),
-            trained_unix_s=round(time.time(), 3),
-        )
+    def _send(self, replies: list[Reply[LeaseQuestion]]) -> None:
+        for question, answer in replies:
+            if answer is None:
+                question.drop()
+            else:
+                question.answer(answer)
 
     def _save_snapshot(self) -> None:
-        kept = 1 if self._ledger.finished else KEPT_SNAPSHOTS
-        trained = self._ledger.trained
-        versions = range(max(0, trained - self._config.lag), trained)
+        ledger = self._desk.ledger
+        versions = range(max(0, ledger.trained - self._config.lag), ledger.trained)
         older = {version: self._weights[version].tensors for version in versions}
-        state = self._trainer.state() | Memory(older, self._settled, self._open.fragments).tensors()
-        self._archive.save_snapshot(state, trained, self._ledger.version, kept)
+        memory = Memory(older, self._settled, self._desk.opened.fragments)
+        kept = 1 if ledger.finished else KEPT_SNAPSHOTS
+        state = self._trainer.state() | memory.tensors()
+        self._archive.save_snapshot(state, ledger.trained, ledger.version, kept)
+        self._desk.safe_before = ledger.trained
 
     def _save_checkpoint(self) -> str:
-        path = self._archive.save_checkpoint(self._settled, self._ledger.trained, self._ledger.version)
+        ledger = self._desk.ledger
+        path = self._archive.save_checkpoint(self._settled, ledger.trained, ledger.version)
         self._announce_checkpoints()
         return str(path)
 
@@ -362,42 +238,28 @@ class Learner:
         self._context.bus.publish(keys.CHECKPOINTS, self._notice())
 
     def _notice(self) -> CheckpointNotice:
-        return CheckpointNotice(
-            episodes=self._archive.checkpoints(self._ledger.trained), finished=self._ledger.finished
-        )
+        ledger = self._desk.ledger
+        return CheckpointNotice(episodes=self._archive.checkpoints(ledger.trained), finished=ledger.finished)
 
     def _beat(self, *, now: bool = False) -> None:
-        state = "finished" if self._ledger.finished else "paused" if self._paused else "training"
-        self._context.heartbeat.beat(state, self._counters, now=now)
+        state = "finished" if self._desk.ledger.finished else "paused" if self._paused else "training"
+        self._context.heartbeat.beat(state, self._report, now=now)
 
-    def _counters(self) -> dict[str, float]:
-        horizon = time.monotonic() - RATE_WINDOW_S
-        while len(self._pace) > 1 and self._pace[0][0] < horizon:
-            self._pace.popleft()
-        elapsed = max(time.monotonic() - self._pace[0][0], 1e-3)
-        recent = [row.normalised_return for row in self._archive.rows[-100:]]
-        counters: dict[str, Any] = {
-            "done": self._ledger.trained,
-            "leased": self._ledger.leased,
-            "version": self._ledger.version,
-            "snapshot": self._archive.snapshot,
-            "checkpoints": len(self._archive.checkpoints(self._ledger.trained)),
-            "episodes_per_s": (len(self._pace) - 1) / elapsed,
-            "steps_per_s": sum(steps for _, steps in list(self._pace)[1:]) / elapsed,
-            "refused": self._context.bus.refused + self._rejected,
-            "duplicates": self._ledger.duplicates,
-            "reissued": self._ledger.reissued,
-        }
-        if recent:
-            counters["return_last_100"] = sum(recent) / len(recent)
-        if self._archive.exact_until is not None:
-            counters["exact_until"] = self._archive.exact_until
-        counters |= {f"waiting.{level}": count for level, count in self._ledger.waiting().items()}
-        return {name: float(value) for name, value in counters.items()}
-
-
-def _differs(episode: Episode, lease: Lease, *fields: str) -> str | None:
-    for field in fields:
-        if getattr(episode, field) != getattr(lease, field):
-            return f"{field} is {getattr(episode, field)}, its lease says {getattr(lease, field)}"
-    return None
+    def _report(self) -> LearnerReport:
+        ledger = self._desk.ledger
+        episodes_per_s, steps_per_s = self._account.pace(time.monotonic())
+        return LearnerReport(
+            done=ledger.trained,
+            leased=ledger.leased,
+            waiting=ledger.waiting(),
+            weights_version=ledger.version,
+            snapshot=self._archive.snapshot,
+            checkpoints=len(self._archive.checkpoints(ledger.trained)),
+            return_last_100=self._account.mean_return,
+            episodes_per_s=episodes_per_s,
+            steps_per_s=steps_per_s,
+            refused=self._context.bus.refused + self._desk.refused,
+            duplicates=ledger.duplicates,
+            reissued=ledger.reissued,
+            exact_until=self._archive.exact_until,
+        )

@@ -1,4 +1,4 @@
-"""What learning tells, and where the time goes: a row an episode in `metrics.jsonl`, and TensorBoard event files.
+"""The metrics of learning, and where the time goes: a row an episode in `metrics.jsonl`, and TensorBoard event files.
 
 The event files are written where the optional extra `tensorboard` is installed. Times are wall-clock seconds of an
 episode: `acting_s` and `actor_waited_s` (for its leases) as its actors tell, `learning_s`, `publishing_s` and
@@ -13,7 +13,7 @@ from typing import Any
 
 from common.folder import RunFolder
 from common.process import Fatal
-from common.records import MetricRow
+from common.records.rows import MetricRow
 from common.rows import DamagedRows, RowFile
 
 SUMS = ("updates", "transitions", "learning_s", "publishing_s", "learner_waited_s")  # all else is a mean
@@ -23,7 +23,7 @@ class Telemetry:
     """The metrics of a run, from its newest snapshot on."""
 
     def __init__(self, folder: RunFolder, episodes: int) -> None:
-        """Open the files and forget what is told of episodes from number `episodes` on: they are trained again.
+        """Open the files and forget the rows of episodes from number `episodes` on: they are trained again.
 
         Raises:
             Fatal: the row file is damaged.
@@ -34,7 +34,7 @@ class Telemetry:
             raise Fatal(str(error)) from None
         self._rows.cut(sum(row.episode < episodes for row in self._rows.rows))
         self._events = _event_writer(folder, episodes)
-        self._told: dict[str, list[float]] = {}
+        self._noted: dict[str, list[float]] = {}
         self._idle_since = time.perf_counter()
 
     @contextmanager
@@ -53,16 +53,20 @@ class Telemetry:
         self._idle_since = time.perf_counter()
         self._note("publishing_s", self._idle_since - begin)
 
-    def note(self, told: Mapping[str, float]) -> None:
-        """Take in what the trainer tells of a fragment."""
-        for name, value in told.items():
+    def note(self, metrics: Mapping[str, float]) -> None:
+        """Take in the metrics of a fragment."""
+        for name, value in metrics.items():
             self._note(name, value)
 
     def end_episode(self, episode: int, *, acting_s: float, waited_s: float) -> None:
         """The episode is over: write its row."""
-        metrics = {name: sum(values) / (1 if name in SUMS else len(values)) for name, values in self._told.items()}
-        metrics |= {"fragments": float(len(self._told["learning_s"])), "acting_s": acting_s, "actor_waited_s": waited_s}
-        self._told = {}
+        metrics = {name: sum(values) / (1 if name in SUMS else len(values)) for name, values in self._noted.items()}
+        metrics |= {
+            "fragments": float(len(self._noted["learning_s"])),
+            "acting_s": acting_s,
+            "actor_waited_s": waited_s,
+        }
+        self._noted = {}
         self._rows.append(MetricRow(episode=episode, metrics={name: round(v, 7) for name, v in metrics.items()}))
         if self._events is not None:
             for name, value in metrics.items():
@@ -75,7 +79,7 @@ class Telemetry:
             self._events.close()
 
     def _note(self, name: str, value: float) -> None:
-        self._told.setdefault(name, []).append(value)
+        self._noted.setdefault(name, []).append(value)
 
 
 def _event_writer(folder: RunFolder, episodes: int) -> Any:

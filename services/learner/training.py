@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from common.config import DqnConfig, ReplayConfig
-from common.records import Episode
+from common.records.acting import Fragment
+from common.rules.replay import UniformReplay
+from common.rules.values import ValueSettings
 from common.seeding import stream_key
 from services.learner.learning import Learning, by_part, means
 from services.learner.replay.replay import Replay, Sample
@@ -58,72 +59,51 @@ class ValueMethod(Protocol):
         """Take on a `state`; raises ValueError, naming the tensor that does not fit."""
 
 
-class Sections(NamedTuple):
-    """The sections of the configuration that value methods need."""
-
-    dqn: DqnConfig
-    replay: ReplayConfig
-
-
-def value_sections(rule: str, learning: Learning, kinds: Sequence[str]) -> Sections:
-    """What `rule` needs of the configuration.
-
-    Raises:
-        ValueError: one is missing, or the network is none of `kinds`.
-    """
-    if learning.dqn is None:
-        raise ValueError(f"rule {rule} needs section dqn: give dqn.learning_rate, batch_size and learn_every_steps")
-    if learning.replay is None:
-        raise ValueError(f"rule {rule} needs section replay: give replay.capacity")
-    if learning.network.kind not in kinds:
-        raise ValueError(f"rule {rule} cannot train network.kind {learning.network.kind}: make it {' or '.join(kinds)}")
-    return Sections(learning.dqn, learning.replay)
-
-
 class ValueTrainer:
     """The trainer of value methods; see `learning.Trainer`."""
 
-    def __init__(self, learning: Learning, sections: Sections, method: ValueMethod, look: Look) -> None:
+    def __init__(self, learning: Learning[ValueSettings], method: ValueMethod, look: Look) -> None:
         """`look` gives the observations of a batch."""
-        self._config, self._replay_config = sections
+        self._config, self._replay_config = learning.settings.dqn, learning.settings.replay
         self._learning = learning
         self._method = method
         self._look = look
-        self._maker = TransitionMaker(learning.discount)
+        self._maker = TransitionMaker(learning.settings.discount)
         self._replay = Replay(self._replay_config, COLUMNS, ROWS, learning.n_features)
         self._counters = dict.fromkeys(COUNTERS, 0)
 
-    def train(self, episode: Episode) -> dict[str, float]:
+    def train(self, fragment: Fragment) -> dict[str, float]:
         """Add the transitions that an episode, or its next fragment, completes; make the updates that fall due.
 
         An update falls due every `learn_every_steps` environment steps, counted across episodes, and is left out as
         long as the replay holds less than a batch.
 
         Returns:
-            `updates` and `transitions`, how many there were; what the replay tells; and, if there were any updates, the
+            `updates` and `transitions`, how many there were; the metrics of the replay; and, if there were updates, the
             means of their metrics.
 
         Raises:
             ValueError: the episode does not fit the network, is not the next fragment, or its decisions are out of
                 order.
         """
-        n_features = episode.observations.shape[1]
+        course = fragment.course
+        n_features = course.decisions.observations.shape[1]
         if n_features != self._learning.n_features:
             raise ValueError(
-                f"episode {episode.episode} has {n_features} features, the network {self._learning.n_features}"
+                f"episode {fragment.lease.episode} has {n_features} features, the network {self._learning.n_features}"
             )
-        new = self._maker.take(episode)
+        new = self._maker.take(fragment)
         metrics: list[dict[str, float]] = []
-        added, steps = 0, len(episode.rewards)
+        added, steps = 0, len(course.rewards)
         for step in self._learning_steps(steps):
-            known = int(np.searchsorted(new.completed_at, episode.first_step + step, side="right"))
+            known = int(np.searchsorted(new.completed_at, course.first_step + step, side="right"))
             self._replay.add(new[added:known])
             added = known
             if len(self._replay) >= self._config.batch_size:
                 metrics.append(self._update())
         self._replay.add(new[added:])
         self._counters["steps"] += steps
-        self._counters["episodes"] += episode.over
+        self._counters["episodes"] += course.over
         return {
             "updates": float(len(metrics)),
             "transitions": float(len(new)),
@@ -143,7 +123,7 @@ class ValueTrainer:
             **{f"trainer/{name}": np.array(count, np.int64) for name, count in self._counters.items()},
         }
 
-    def restore(self, state: Mapping[str, NDArray[Any]], opened: Sequence[Episode] = ()) -> None:
+    def restore(self, state: Mapping[str, NDArray[Any]], opened: Sequence[Fragment] = ()) -> None:
         """Take on a `state` of a trainer with the same settings: all that follows is the same to the bit.
 
         Args:
@@ -183,5 +163,7 @@ class ValueTrainer:
     @property
     def _beta(self) -> float:
         """The exponent of the importance weights: from `replay.beta` in a run's first episode to 1 after its last."""
+        if isinstance(self._replay_config, UniformReplay):
+            return 0.0  # there are none
         first, progress = self._replay_config.beta, self._counters["episodes"] / self._learning.episodes
         return first + (1 - first) * min(1.0, progress)

@@ -13,13 +13,18 @@ the shortest: whoever ignores how long a transition takes chooses wrongly.
 
 import numpy as np
 import pytest
-from made_episodes import decided
+import torch
+from made_episodes import decided, edited
+from torch import nn
 
 from common.config import DqnConfig, NetworkConfig, ReplayConfig
 from common.policy.compiled import Twin
+from common.policy.modules import ModuleChooser
 from common.policy.packing import Layout
 from common.seeding import stream_key
+from services.learner.algorithms.dqn import Dqn, single_observations
 from services.learner.learning import Learning, build_trainer
+from services.learner.training import Sections, ValueTrainer
 
 ARRIVED = 4
 NEXT = ((0, 1, 2), (0, 3, 2), (ARRIVED, 0, 2), (3, ARRIVED, 0))
@@ -65,7 +70,7 @@ def as_episode(number, steps, decisions, free_at, place):
         np.where(arrived[:, None], np.float32(0), PLACES[place]),
     )
     told = np.array([decision for _, _, decision, _ in decisions], np.float32).T.copy()
-    return episode.model_copy(update={"log_probabilities": told[1], "values": told[2]})
+    return edited(episode, log_probabilities=told[1], values=told[2])
 
 
 METHODS = {
@@ -110,7 +115,7 @@ def test_the_optimal_policy_and_its_values_are_found(method, replay):
     np.testing.assert_allclose(values.max(-1), optimal, atol=0.15)
     for number in range(4):  # along a way, too
         steps = STEPS_LEFT[[(number + train) % 4 for train in range(TRAINS)]]
-        assert act(number, twin, 0.0, greedy=True).arrived_at.tolist() == (steps - 1).tolist()
+        assert act(number, twin, 0.0, greedy=True).course.arrived_at.tolist() == (steps - 1).tolist()
 
 
 CUES = np.array([[0, -1, -1, -1], [-1, 0, -1, -1]], np.float32)  # which way to take at the fork
@@ -131,4 +136,29 @@ def act_by_memory(number, twin, epsilon, *, greedy=False):
 def test_a_recurrent_network_remembers_what_it_saw_before():
     twin = learn("uniform", episodes=300, act=act_by_memory, **METHODS["drqn"])
     for number in range(2):
-        assert len(act_by_memory(number, twin, 0.0, greedy=True).rewards) == 2
+        assert len(act_by_memory(number, twin, 0.0, greedy=True).course.rewards) == 2
+
+
+def test_a_module_of_ones_own_learns_it_too():
+    """By autograd, on the plain path; it acts as a module as well."""
+
+    class Own(nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.layers = nn.Sequential(nn.Linear(4, 32), nn.Tanh(), nn.Linear(32, 32), nn.ReLU(), nn.Linear(32, 3))
+
+        def forward(self, observation):
+            return self.layers(observation + 0.5)
+
+    torch.manual_seed(1)
+    config = DqnConfig(learning_rate=0.002, batch_size=32, learn_every_steps=2, target_tau=0.05)
+    replay = ReplayConfig(capacity=5000)
+    learning = Learning(1, 400, DISCOUNT, NetworkConfig(), dqn=config, replay=replay, n_features=4, n_actions=3)
+    module = Own()
+    trainer = ValueTrainer(learning, Sections(config, replay), Dqn(config, module), single_observations)
+    chooser = ModuleChooser(module, 4, 3, is_policy=False)
+    for number in range(400):
+        chooser.load(trainer.weights())
+        trainer.train(act(number, chooser, epsilon=0.5))
+    chooser.load(trainer.weights())
+    assert chooser.outputs(PLACES[:4]).argmax(-1).tolist() == BEST_ACTION

@@ -19,7 +19,9 @@ from flatland.envs.step_utils.states import TrainState
 from flatland.envs.timetable_generators import timetable_generator
 from flatland.envs.timetable_utils import Timetable
 
+from common.rail.compiled.malfunctions import MalfunctionGenerators, words_of
 from common.rail.compiled.tree import nodes_of
+from common.rail.library_tree import flatten
 
 SPEEDS = (
     None,
@@ -103,6 +105,17 @@ def trains_of(env: RailEnv) -> list[tuple[Any, ...]]:
     ]
 
 
+def generators_of(env: RailEnv) -> MalfunctionGenerators:
+    """Where the environment stands with its malfunctions; nothing is drawn."""
+    generator = env.effects_generator.malfunction_generator
+    now = words_of(env.np_random)
+    if generator._cached_rand is None:
+        return MalfunctionGenerators(now)
+    before = np.random.RandomState()
+    before.set_state(generator._cached_random_state)
+    return MalfunctionGenerators(words_of(before), generator._rand_idx, now)
+
+
 class TreeOracle:
     """The library's trees of an environment: as they are, and with conflicts found, as 4.3.0 or as 2.2.2 sees them."""
 
@@ -141,16 +154,8 @@ class TreeOracle:
         trees = np.full((len(handles), nodes_of(self._depth), 12), np.nan, np.float32)
         for handle in handles:
             if found[handle] is not None:
-                _flatten(found[handle], trees[handle], 0, nodes_of(self._depth))
+                flatten(found[handle], trees[handle])
         return trees
-
-
-def _flatten(node: Any, rows: np.ndarray, at: int, size: int) -> None:
-    rows[at] = [float(feature) for feature in node[:12]]
-    below = (size - 1) // 4
-    for turn, child in enumerate(node.childs.values()):
-        if isinstance(child, tuple):
-            _flatten(child, rows, at + 1 + turn * below, below)
 
 
 class _LegacyPredictor(ShortestPathPredictorForRailEnv):

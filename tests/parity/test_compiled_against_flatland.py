@@ -7,14 +7,15 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from flatland.envs.rail_env import RailEnv
-from flatland_oracle import ACTION_MIXES, TreeOracle, forget, random_env, trains_of
+from flatland_oracle import ACTION_MIXES, TreeOracle, forget, generators_of, random_env, trains_of
 
 from common.rail.compiled.arrays import BROKEN, DONE, MOVING, NOWHERE, STOPPED
 from common.rail.compiled.decisions import ALWAYS, decides
 from common.rail.compiled.looking import look_at_all
 from common.rail.compiled.tree import LEGACY, N_NODE_FEATURES, REPAIRED, STOCK, nodes_of, sight_of
 from common.rail.compiled.world import CompiledWorld
-from common.rail.from_flatland import level_of, traffic_of
+from common.rail.from_flatland import level_of
+from common.rail.rewards.delay import DelayReward
 from common.rail.world import MOVE_FORWARD
 
 MOST_STEPS = 160
@@ -61,7 +62,7 @@ def trains_in(world: CompiledWorld, slot: int) -> list[tuple]:
 
 def trees_in(world: CompiledWorld, mode: int, depth: int, predicted_steps: int) -> np.ndarray:
     trees = np.full((world.slots, world.max_trains, nodes_of(depth), N_NODE_FEATURES), np.nan, np.float32)
-    look_at_all(world.batch, sight_of(world.batch, depth, predicted_steps), mode, depth, trees)
+    look_at_all(world.batch, sight_of(world.batch, predicted_steps), mode, depth, trees)
     return trees
 
 
@@ -90,10 +91,10 @@ def compare_episodes(rng: np.random.RandomState, world: CompiledWorld, envs: lis
     mix, guided = ACTION_MIXES[rng.randint(len(ACTION_MIXES))], rng.rand() < 0.5
     oracles = []
     for slot, env in enumerate(envs):
-        traffic = traffic_of(env)
-        world.load(slot, level_of(env), traffic)
+        level = level_of(env)
+        world.load(slot, level, generators=generators_of(env))
         oracles.append(TreeOracle(env, depth, predicted_steps))
-        done.kinds.add((traffic.malfunctions is not None, len(set(traffic.speeds)) > 1))
+        done.kinds.add((level.schedule.malfunctions is not None, len(np.unique(level.schedule.speeds, axis=0)) > 1))
     actions = np.zeros((world.slots, world.max_trains), np.int8)
     for step in range(MOST_STEPS + 1):
         stock = trees_in(world, STOCK, depth, predicted_steps)
@@ -114,18 +115,20 @@ def compare_episodes(rng: np.random.RandomState, world: CompiledWorld, envs: lis
         actions[:] = rng.choice(5, p=mix, size=actions.shape)
         if guided and rng.rand() < 0.9:
             towards_targets(world, actions)
-        world.obey(actions)
+        rewards = world.obey(actions)
         for slot, env in enumerate(envs):
             if env in running:
-                env.step(dict(enumerate(actions[slot, : len(env.agents)].tolist())))
-                done.agent_steps += len(env.agents)
+                count = len(env.agents)
+                env.step(dict(enumerate(actions[slot, :count].tolist())))
+                assert rewards[slot, :count].tolist() == [env.rewards_dict[train] for train in range(count)]
+                done.agent_steps += count
             assert world.over()[slot] == env.dones["__all__"]
     done.arrivals += int(world.arrived().sum())
 
 
 def compare_until(seed: int, *, agent_steps: int, most_trains: int, seconds: float) -> Comparison:
     rng, done, begun = np.random.RandomState(seed), Comparison(), time.monotonic()
-    world = CompiledWorld(SLOTS, most_trains, rules="stock")
+    world = CompiledWorld(SLOTS, most_trains, rules="stock", reward=DelayReward())
     while done.agent_steps < agent_steps and time.monotonic() - begun < seconds:
         envs = [random_env(rng, most_trains) for _ in range(SLOTS)]
         for episode in range(2):

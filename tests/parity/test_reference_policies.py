@@ -84,9 +84,9 @@ def test_plans_come_true_to_the_step(rules, orders):
 
 def actions_at(recording, step):
     """[N]: what trains were told, nothing after their arrival."""
-    actions = np.zeros(recording.level.n_trains, np.int8)
-    now = recording.times == step
-    actions[recording.trains[now]] = recording.actions[now]
+    actions = np.zeros(recording.n_trains, np.int8)
+    now = recording.decisions.times == step
+    actions[recording.decisions.trains[now]] = recording.decisions.actions[now]
     return actions
 
 
@@ -100,7 +100,8 @@ def test_deadlock_avoidance_acts_as_the_original(difficulty, settings):
     for index, (level, expected) in enumerate(zip(LEVELS[difficulty], recorded, strict=True)):
         recording = play(index, level)
         assert recording.last_step == len(expected), index
-        np.testing.assert_array_equal(recording.actions, expected[recording.times, recording.trains], str(index))
+        ours = recording.decisions
+        np.testing.assert_array_equal(ours.actions, expected[ours.times, ours.trains], str(index))
 
 
 if find_spec("flatland_baselines"):

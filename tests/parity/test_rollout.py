@@ -1,7 +1,5 @@
 """Episodes in compiled code equal those that Python steps through flatland-rl, to the bit, whole or in fragments."""
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 
@@ -13,10 +11,10 @@ from common.policy.networks import build_network, export_parameters
 from common.policy.player import MAX_TRAINS, Acting, network_layout, play, player
 from common.policy.recurrent import build_recurrent_network
 from common.policy.rollout import Rollouts
-from common.rail.play import Recording
+from common.records.acting import digest_of
+from common.records.course import Course, Decisions
 
 ENGINES = ("compiled", "flatland")
-ARRAYS = [field.name for field in fields(Recording) if field.name not in ("level", "first_step", "over")]
 BUILDS = {
     "plain": build_network,
     "dueling": build_network,
@@ -33,8 +31,7 @@ def twin_of(kind, seed):
 
 
 def same(ours, theirs):
-    assert (ours.first_step, ours.over) == (theirs.first_step, theirs.over)
-    return all(getattr(ours, name).tobytes() == getattr(theirs, name).tobytes() for name in ARRAYS)
+    return digest_of(ours) == digest_of(theirs)
 
 
 @pytest.mark.parametrize("kind", BUILDS)
@@ -45,7 +42,11 @@ def test_both_engines_play_the_same_episode(difficulty, kind):
         level = LevelSupply().training(difficulty, seed)
         compiled, flatland = (play(player(engine, MAX_TRAINS), level, acting) for engine in ENGINES)
         assert same(compiled, flatland)
-        assert (kind == "actor-critic") == bool(compiled.values.any()) == bool(compiled.log_probabilities.any())
+        assert (
+            (kind == "actor-critic")
+            == bool(compiled.decisions.values.any())
+            == bool(compiled.decisions.log_probabilities.any())
+        )
         assert (kind == "recurrent") == (compiled.states.shape[1] > 0)
 
 
@@ -65,6 +66,17 @@ def test_an_episode_does_not_depend_on_those_before_it():
         assert same(recording, play(Rollouts(MAX_TRAINS), level, acting))
 
 
+@pytest.mark.parametrize("kind", ["recurrent", "actor-critic"])
+@pytest.mark.parametrize("room", [{"room_bytes": 0}, {"room_steps": 7}, {"room_bytes": 9_000, "room_steps": 1}])
+def test_an_episode_noted_piece_by_piece_is_the_same(kind, room):
+    acting = Acting(twin_of(kind, seed=6), epsilon=0.4, key=3)
+    level = LevelSupply().training("medium", 2)
+    begun = []
+    pieces = play(Rollouts(MAX_TRAINS, lambda: begun.append(None), **room), level, acting)
+    assert len(begun) > 10
+    assert same(pieces, play(Rollouts(MAX_TRAINS), level, acting))
+
+
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("kind", ["dueling", "recurrent"])
 def test_fragments_joined_are_the_whole_episode_even_if_each_has_another_player(kind, engine):
@@ -74,17 +86,17 @@ def test_fragments_joined_are_the_whole_episode_even_if_each_has_another_player(
     one = player(engine, MAX_TRAINS)
     one.begin(level)
     states = acting.twin.zero_state(level.n_trains)
-    parts: list[Recording] = []
+    parts: list[Course] = []
     while not (parts and parts[-1].over):
         if len(parts) % 2:  # another player takes over
             one = player(engine, MAX_TRAINS)
-            one.begin(level, np.concatenate([part.actions for part in parts]), parts[-1].last_step)
+            one.begin(level, np.concatenate([part.decisions.actions for part in parts]), parts[-1].last_step)
             states = parts[-1].states.copy()
         parts.append(one.advance(acting, states, steps=17))
     assert len(parts) > 2
     assert [part.first_step for part in parts] == list(range(0, whole.last_step, 17))
-    for name in ("observations", "times", "trains", "actions", "log_probabilities", "values", "rewards"):
-        assert np.concatenate([getattr(part, name) for part in parts]).tobytes() == getattr(whole, name).tobytes()
+    assert same(Decisions.joined([part.decisions for part in parts]), whole.decisions)
+    assert np.concatenate([part.rewards for part in parts]).tobytes() == whole.rewards.tobytes()
     for name in ("arrived_at", "final_observations", "states"):
         assert getattr(parts[-1], name).tobytes() == getattr(whole, name).tobytes()
     assert not any(part.final_observations.any() for part in parts[:-1])
@@ -95,6 +107,6 @@ def test_fragments_joined_are_the_whole_episode_even_if_each_has_another_player(
 def test_actions_that_do_not_fit_are_refused(engine, change):
     level = LevelSupply().training("easy", 3)
     first = play(player(engine, MAX_TRAINS), level, Acting(twin_of("plain", seed=1)))
-    count = int((first.times < 20).sum()) + change
+    count = int((first.decisions.times < 20).sum()) + change
     with pytest.raises(ValueError, match=f"{count} actions do not fit the first 20 steps"):
-        player(engine, MAX_TRAINS).begin(level, first.actions[:count], 20)
+        player(engine, MAX_TRAINS).begin(level, first.decisions.actions[:count], 20)

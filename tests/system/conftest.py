@@ -14,7 +14,7 @@ import pytest
 
 from common.folder import RunFolder
 from common.locks import living
-from common.records import LearnerCommand
+from common.records.control import LearnerCommand
 from common.wire import keys
 from deploy.follow import wait_until
 from deploy.runs import reach

@@ -7,11 +7,17 @@ from pathlib import Path
 import pytest
 
 from common import checkpoint
-from common.config import NetworkConfig
-from common.rail.normalise import N_FEATURES
+from common.config import parse_config
 from common.rail.world import N_ACTIONS
+from common.rules.settings import NetworkConfig
 
 DUELING = NetworkConfig(kind="dueling")
+RULES = {"actor-critic": "ppo", "recurrent": "drqn"}  # by kind of network; others are dqn's
+VALUES = {
+    "dqn": {"learning_rate": 0.1, "batch_size": 1, "learn_every_steps": 1},
+    "replay": {"kind": "uniform", "capacity": 1},
+}
+POLICY = {"ppo": {"learning_rate": 0.1, "epochs": 1}}
 
 
 @pytest.fixture(scope="session")
@@ -24,10 +30,22 @@ def write_checkpoint() -> Callable[..., Path]:
     builds = {"actor-critic": build_actor_critic, "recurrent": build_recurrent_network}
 
     def write(path: Path, network: NetworkConfig = DUELING, seed: int = 4, **changed: str) -> Path:
-        tensors = export_parameters(builds.get(network.kind, build_network)(network, N_FEATURES, N_ACTIONS, seed))
-        science = {"algorithm": "any", "network": network.model_dump(mode="json"), "mix": {"hard": 0.5, "easy": 0.5}}
-        science |= {"evaluation": {"mode": "greedy"}, "seed": seed}
-        metadata = {"science": json.dumps(science), "episode": "300"} | changed
+        rule = RULES.get(network.kind, "dqn")
+        config = parse_config(
+            {
+                "algorithm": "any",
+                "rule": rule,
+                "mix": {"hard": 0.5, "easy": 0.5},
+                "episodes": 300,
+                "seed": seed,
+                "network": network.model_dump(mode="json"),
+                **(POLICY if rule == "ppo" else VALUES),
+                "cluster": {"actors": {"any": 1}},
+            }
+        )
+        build = builds.get(network.kind, build_network)
+        tensors = export_parameters(build(network, config.world.n_features, N_ACTIONS, seed))
+        metadata = {"science": json.dumps(config.science), "episode": "300"} | changed
         checkpoint.save(path, tensors, metadata, "checkpoint")
         return path
 

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from common.config import DqnConfig, NetworkConfig, PpoConfig, SilConfig
 from common.levels.shipped import generate
 from common.policy.actor_critic import build_actor_critic
 from common.policy.compiled import Twin
@@ -19,9 +18,12 @@ from common.policy.networks import build_network, export_parameters
 from common.policy.packing import Kind, Layout
 from common.policy.player import Acting, play
 from common.policy.recurrent import build_recurrent_network
-from common.policy.rollout import Rollouts
 from common.rail.normalise import N_FEATURES
 from common.rail.world import N_ACTIONS
+from common.rules.policies import PpoConfig
+from common.rules.settings import NetworkConfig
+from common.rules.sil import SilConfig
+from common.rules.values import DqnConfig
 from services.learner.algorithms.dqn import Dqn
 from services.learner.algorithms.ppo import Ppo
 from services.learner.algorithms.sil import Sil
@@ -31,6 +33,7 @@ from services.learner.network.sparse import SparseRows, sparse_rows
 from services.learner.plain_dqn import PlainDqn
 from services.learner.plain_policy import PlainPolicy
 from services.learner.training import Batch
+from tools.bench.conditions import study_rollouts
 from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
 
 HIDDEN = (128, 128)
@@ -54,10 +57,10 @@ class Seen:
     """Observations of real episodes."""
 
     def __init__(self) -> None:
-        twin, rollouts = Twin(Layout("plain", N_FEATURES, N_ACTIONS, HIDDEN)), Rollouts(7)
+        twin, rollouts = Twin(Layout("plain", N_FEATURES, N_ACTIONS, HIDDEN)), study_rollouts()
         twin.load(export_parameters(build_network(NetworkConfig(hidden=HIDDEN), N_FEATURES, N_ACTIONS, 1)))
         played = [play(rollouts, generate("easy", seed), Acting(twin, EPSILON, seed)) for seed in range(LEVELS)]
-        self._rows = np.array([row for recording in played for row in recording.observations])
+        self._rows = np.array([row for course in played for row in course.decisions.observations])
 
     def draw(self, rng: np.random.Generator, *shape: int) -> torch.Tensor:
         """[*shape, F]."""

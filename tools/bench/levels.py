@@ -23,7 +23,6 @@ from flatland.core.env_observation_builder import DummyObservationBuilder
 from flatland.envs.rail_env import RailEnv
 from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
 
-from common.config import DIFFICULTIES, Difficulty
 from common.levels.bank import LevelBank
 from common.levels.chunks import chunk_name, write_chunk
 from common.levels.distributions import StockLevels, shipped
@@ -39,7 +38,7 @@ PASSES = 10  # over all levels of the bank, or it would be over before it can be
 ROOT, DISTANCE = 0, 6  # node and feature of a tree: the distance to the target
 
 
-def comparison(difficulty: Difficulty, worlds: int) -> Comparison:
+def comparison(difficulty: str, worlds: int) -> Comparison:
     """Make so many levels, and get them ready; every repeat has seeds of its own."""
     levels_like = shipped()[difficulty]
     nearest = StockLevels(
@@ -96,7 +95,7 @@ def _reset(environments: Sequence[RailEnv]) -> tuple[float, float, list[list[flo
     return resetting, resetting + measuring, found
 
 
-def _load(difficulty: Difficulty, levels: dict[int, Level], distances: Sequence[list[float]]) -> float:
+def _load(difficulty: str, levels: dict[int, Level], distances: Sequence[list[float]]) -> float:
     """Seconds to have all levels ready out of a bank.
 
     Raises:
@@ -123,7 +122,7 @@ def _load(difficulty: Difficulty, levels: dict[int, Level], distances: Sequence[
         return timed(all_ready)[0] / PASSES
 
 
-def _bank(root: Path, difficulty: Difficulty, levels: dict[int, Level]) -> LevelBank:
+def _bank(root: Path, difficulty: str, levels: dict[int, Level]) -> LevelBank:
     path = root / difficulty / chunk_name(shipped()[difficulty], [*levels])
     path.parent.mkdir()
     write_chunk(path, shipped()[difficulty], [*levels], [*levels.values()])
@@ -132,7 +131,7 @@ def _bank(root: Path, difficulty: Difficulty, levels: dict[int, Level]) -> Level
 
 def comparisons(worlds: int) -> list[Comparison]:
     """All that is measured: so many levels of each difficulty."""
-    return [comparison(name, worlds) for name in DIFFICULTIES]
+    return [comparison(name, worlds) for name in shipped()]
 
 
 if __name__ == "__main__":

@@ -30,20 +30,21 @@ from flatland.envs.observations import TreeObsForRailEnv
 from flatland.envs.rail_env_action import RailEnvActions
 from numpy.typing import NDArray
 
-from common.config import DIFFICULTIES, NetworkConfig
+from common.levels.distributions import shipped
 from common.levels.legacy import forget_rails
 from common.levels.level import Level
 from common.levels.shipped import generate
 from common.policy.compiled import Twin
 from common.policy.networks import QNetwork, build_network, export_parameters, import_parameters
-from common.policy.player import MAX_TRAINS, Acting, network_layout, play
-from common.policy.rollout import Rollouts
+from common.policy.player import Acting, network_layout, play
 from common.rail.flatland_env import LegacyActions, LevelEnv, StudyRewards
 from common.rail.normalise import N_FEATURES, N_NODE_FEATURES, N_NODES, normalise
 from common.rail.plain_env import StartReady, plain_environment
-from common.rail.play import Recording
 from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, N_ACTIONS
+from common.records.course import Course
+from common.rules.settings import NetworkConfig
 from common.seeding import stream_key
+from tools.bench.conditions import study_rollouts
 from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
 
 DEPTH = 2
@@ -77,25 +78,28 @@ class Script:
     """An episode of ours, for theirs to play.
 
     Attributes:
-        recording: what happened.
+        level: what it was played on.
+        course: what happened.
         deciding: the trains that decide, a list a step.
         orders: what 4.3.0 is told to do, a step.
     """
 
-    recording: Recording
+    level: Level
+    course: Course
     deciding: list[list[int]]
     orders: list[_Orders]
 
 
-def script_of(recording: Recording) -> Script:
+def script_of(level: Level, course: Course) -> Script:
     """What 4.3.0 must be told to play an episode again."""
-    deciding: list[list[int]] = [[] for _ in range(recording.last_step)]
-    actions = np.full((recording.last_step, recording.level.n_trains), MOVE_FORWARD)
-    for step, train, action in zip(recording.times, recording.trains, recording.actions, strict=True):
+    deciding: list[list[int]] = [[] for _ in range(course.last_step)]
+    actions = np.full((course.last_step, level.n_trains), MOVE_FORWARD)
+    decisions = course.decisions
+    for step, train, action in zip(decisions.times, decisions.trains, decisions.actions, strict=True):
         deciding[step].append(int(train))
         actions[step, train] = action
-    driver = LegacyActions(LevelEnv(recording.level))
-    return Script(recording, deciding, [driver.step(chosen) for chosen in actions.tolist()])
+    driver = LegacyActions(LevelEnv(level))
+    return Script(level, course, deciding, [driver.step(chosen) for chosen in actions.tolist()])
 
 
 class TheirPlayer:
@@ -112,7 +116,7 @@ class TheirPlayer:
             DisagreementError: some reward is another than in the script.
         """
         env: Any = plain_environment(
-            script.recording.level,
+            script.level,
             TreeObsForRailEnv(DEPTH),
             rewards=StudyRewards(),
             effects_generator=StartReady(),
@@ -123,7 +127,7 @@ class TheirPlayer:
         resetting, (seen, _) = timed(env.reset)
         playing, rewards = timed(lambda: self._loop(env, seen, script))
         forget_rails()
-        if not env.dones["__all__"] or not _same(rewards, script.recording.rewards):
+        if not env.dones["__all__"] or not _same(rewards, script.course.rewards):
             raise DisagreementError("an episode went another way in flatland-rl")
         return resetting, playing
 
@@ -167,23 +171,25 @@ def _same(theirs: Sequence[dict[int, float]], ours: NDArray[np.float32]) -> bool
 
 def comparison(name: str, levels: Sequence[Level], network: QNetwork) -> Comparison:
     """Play an episode of each level; every repeat explores in another way."""
-    rollouts, they = Rollouts(MAX_TRAINS), TheirPlayer(network)
-    twin = Twin(network_layout(NETWORK))
+    rollouts, they = study_rollouts(), TheirPlayer(network)
+    twin = Twin(network_layout(NETWORK, N_FEATURES))
     twin.load(export_parameters(network))
 
-    def play_all(keys: Sequence[int]) -> list[Recording]:
+    def play_all(keys: Sequence[int]) -> list[Course]:
         for _ in range(PASSES):
-            recordings = [
+            courses = [
                 play(rollouts, *one) for one in zip(levels, (Acting(twin, EPSILON, key) for key in keys), strict=True)
             ]
-        return recordings
+        return courses
 
     def once(repeat: int) -> list[Sample]:
         keys = [stream_key(repeat, number, "explore") for number in range(len(levels))]
-        seconds, recordings = timed(lambda: play_all(keys))
+        seconds, courses = timed(lambda: play_all(keys))
         ours = seconds / PASSES
-        resetting, playing = np.sum([they.play(script_of(recording)) for recording in recordings], axis=0).tolist()
-        per_step = 1e6 / sum(recording.last_step for recording in recordings)
+        resetting, playing = np.sum(
+            [they.play(script_of(*one)) for one in zip(levels, courses, strict=True)], axis=0
+        ).tolist()
+        per_step = 1e6 / sum(course.last_step for course in courses)
         per_episode = 1e3 / len(levels)
         return [
             Sample(f"step with policy {name}", "us/step", ours * per_step, playing * per_step),
@@ -199,7 +205,7 @@ def comparisons(worlds: int) -> list[Comparison]:
     """All that is measured: episodes on so many levels of each difficulty."""
     torch.set_num_threads(1)
     network = pathfinder()
-    return [comparison(name, [generate(name, seed) for seed in range(worlds)], network) for name in DIFFICULTIES]
+    return [comparison(name, [generate(name, seed) for seed in range(worlds)], network) for name in shipped()]
 
 
 if __name__ == "__main__":

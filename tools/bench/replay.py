@@ -19,16 +19,18 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.config import DIFFICULTIES, NetworkConfig, ReplayConfig
+from common.levels.distributions import shipped
 from common.levels.shipped import generate
 from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters
-from common.policy.player import MAX_TRAINS, Acting, network_layout, play
-from common.policy.rollout import Rollouts
+from common.policy.player import Acting, network_layout, play
 from common.rail.normalise import N_FEATURES
 from common.rail.world import N_ACTIONS
+from common.rules.replay import PrioritizedReplay, UniformReplay
+from common.rules.settings import NetworkConfig
 from services.learner.replay.priorities import ADDED_TO_PRIORITY
 from services.learner.replay.replay import Replay
+from tools.bench.conditions import study_rollouts
 from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
 
 BATCH, EPISODE, CHUNK = 150, 300, 5_000  # transitions
@@ -56,10 +58,9 @@ class Contender(Protocol):
 
 class Ours:
     def __init__(self, capacity: int, *, prioritized: bool) -> None:
-        kind = "prioritized" if prioritized else "uniform"
-        self.replay = Replay(
-            ReplayConfig(kind=kind, capacity=capacity, alpha=ALPHA, beta=BETA), COLUMNS, ROWS, N_FEATURES
-        )
+        by_priority = PrioritizedReplay(capacity=capacity, alpha=ALPHA, beta=BETA)
+        config = by_priority if prioritized else UniformReplay(capacity=capacity)
+        self.replay = Replay(config, COLUMNS, ROWS, N_FEATURES)
         self._rng = np.random.default_rng(0)
 
     def add(self, items: Items) -> None:
@@ -137,14 +138,14 @@ RIVALS: dict[str, Callable[..., Contender]] = {"cpprb": Cpprb, "numpy": Plain}
 def real_transitions(levels: int) -> Items:
     """Transitions of an untrained network on so many levels of each difficulty."""
     config = NetworkConfig(kind="dueling")
-    twin, rollouts = Twin(network_layout(config)), Rollouts(MAX_TRAINS)
+    twin, rollouts = Twin(network_layout(config, N_FEATURES)), study_rollouts()
     twin.load(export_parameters(build_network(config, N_FEATURES, N_ACTIONS, seed=0)))
     seen = []
-    for difficulty in DIFFICULTIES:
+    for difficulty in shipped():
         for seed in range(levels):
-            recording = play(rollouts, generate(difficulty, seed), Acting(twin, EPSILON, key=seed))
-            by_train = np.lexsort((recording.times, recording.trains))
-            seen.append(np.array(recording.observations, np.float32)[by_train])
+            decisions = play(rollouts, generate(difficulty, seed), Acting(twin, EPSILON, key=seed)).decisions
+            by_train = np.lexsort((decisions.times, decisions.trains))
+            seen.append(np.array(decisions.observations, np.float32)[by_train])
     rows, rng = np.concatenate(seen), np.random.default_rng(0)
     count = len(rows) - 1
     return {

@@ -17,12 +17,12 @@ from flatland.envs.observations import TreeObsForRailEnv
 from flatland.envs.rail_env import RailEnv
 from numpy.typing import NDArray
 
-from common.config import DIFFICULTIES
+from common.levels.distributions import shipped
 from common.levels.legacy import forget_rails
 from common.levels.level import Level
 from common.levels.shipped import generate
 from common.rail.compiled.world import CompiledWorld
-from common.rail.from_flatland import level_of, traffic_of
+from common.rail.from_flatland import level_of
 from common.rail.plain_env import plain_environment
 from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
 
@@ -50,13 +50,14 @@ def comparison(name: str, levels: Sequence[Level], *, disturbed: bool, steps: in
     n_trains = max(level.n_trains for level in levels)
     rng = np.random.default_rng(0)
     actions = rng.choice(5, p=ACTION_MIX, size=(steps, len(levels), n_trains)).astype(np.int8)
-    world = CompiledWorld(len(levels), n_trains, rules="stock", tree="stock", depth=DEPTH)
+    world = CompiledWorld(len(levels), n_trains, rules="stock", decisions="always")
 
     def once(repeat: int) -> list[Sample]:
         environments = [environment(level, disturbed=disturbed) for level in levels]
         for slot, env in enumerate(environments):
             env.reset(random_seed=repeat)
-            world.load(slot, level_of(env), traffic_of(env))
+            env.np_random = np.random.RandomState(repeat)
+            world.load(slot, level_of(env), malfunction_seed=repeat)
         ours, our_steps = timed(partial(_play_ours, world, actions))
         theirs, their_steps = timed(partial(_play_theirs, environments, actions))
         if our_steps != their_steps or not _agree(world, environments):
@@ -73,7 +74,7 @@ def _play_ours(world: CompiledWorld, actions: NDArray[np.int8]) -> int:
     for chosen in actions:
         running += world.slots - np.count_nonzero(world.over())
         world.obey(chosen)
-        trees = world.trees(out=trees)
+        trees = world.trees(out=trees, depth=DEPTH)
     return running
 
 
@@ -92,7 +93,7 @@ def _play_theirs(environments: Sequence[RailEnv], actions: NDArray[np.int8]) -> 
 
 def _agree(world: CompiledWorld, environments: Sequence[RailEnv]) -> bool:
     """Whether all trains are in the same state, and see the same distance to their targets."""
-    trees = world.trees()
+    trees = world.trees(depth=DEPTH)
     for slot, env in enumerate(environments):
         agents: Any = env.agents
         trains = world.batch.trains[slot, : len(agents)]
@@ -108,8 +109,8 @@ def _agree(world: CompiledWorld, environments: Sequence[RailEnv]) -> bool:
 
 def comparisons(worlds: int, steps: int) -> list[Comparison]:
     """All that is measured: so many worlds, for so many steps."""
-    levels = {name: [generate(name, seed) for seed in range(worlds)] for name in DIFFICULTIES}
-    plain = [comparison(f"step+tree {name}", levels[name], disturbed=False, steps=steps) for name in DIFFICULTIES]
+    levels = {name: [generate(name, seed) for seed in range(worlds)] for name in shipped()}
+    plain = [comparison(f"step+tree {name}", levels[name], disturbed=False, steps=steps) for name in shipped()]
     name = "step+tree hard, malfunctions, speeds"
     return [*plain, comparison(name, levels["hard"], disturbed=True, steps=steps)]
 

@@ -55,7 +55,7 @@ def replay(told: RecordedEpisode) -> Course:
         ValueError: the level is none that the world can load.
     """
     n_steps, n_trains = told.actions.shape
-    world = CompiledWorld(1, n_trains, decisions="legacy", depth=DEPTHS[told.course.tree.shape[2]])
+    world, depth = CompiledWorld(1, n_trains, decisions="legacy"), DEPTHS[told.course.tree.shape[2]]
     world.load(0, told.level)
     trains, cells = world.batch.trains[0], world.batch.cells[0]
     position = np.empty((n_steps, n_trains, 3), np.int32)
@@ -65,7 +65,7 @@ def replay(told: RecordedEpisode) -> Course:
     tree = np.empty(told.course.tree.shape, np.float32)
     for step in range(n_steps + 1):
         if step < len(tree):
-            world.trees(tree[step : step + 1])
+            world.trees(tree[step : step + 1], depth=depth)
         if step == n_steps:
             break
         had_ended = world.over()[0]

@@ -8,7 +8,6 @@ from analysis.report import published
 from analysis.report.parts import Part, Section
 from analysis.report.results import Results, Scored
 from analysis.report.tables import Cell, Column, Spread, Table
-from common.config import Difficulty
 
 TITLE = "Final evaluation"
 COLUMNS = (
@@ -35,7 +34,7 @@ def final(results: Results) -> Section:
     return Section(TITLE, (*parts, *_best(results)))
 
 
-def _level(results: Results, level: Difficulty) -> Iterator[list[Cell]]:
+def _level(results: Results, level: str) -> Iterator[list[Cell]]:
     for name in results.contenders:
         scored = [trained.scored for trained in results.cell(name, level) if trained.scored]
         if scored:

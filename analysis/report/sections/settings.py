@@ -10,11 +10,11 @@ from analysis.report.parts import Listing, Part, Section
 from analysis.report.published import HYPERPARAMETERS, hyperparameters
 from analysis.report.results import Results
 from analysis.report.tables import Beside, Cell, Column, Table
-from common.config import Difficulty, RunConfig
+from common.config import RunConfig
 from common.strict import flat
 
 IN_TABLE = ("learning_rate", "batch_size", "learn_every_steps", "capacity", "epochs", "hidden")
-OF_RUNS = ("algorithm", "seed", "mix")
+OF_RUNS = ("algorithm", "seed", "mix", "levels")
 
 
 def settings(results: Results) -> Section:
@@ -27,34 +27,35 @@ def settings(results: Results) -> Section:
     }
     if not configs:
         return Section("Settings", ("No run has been started yet.",))
-    parts: list[Part] = [_table(configs), *_differences(results, configs), _others(results, configs)]
+    parts: list[Part] = [_table(configs), *_differences(results, configs), _levels(configs), _others(results, configs)]
     return Section("Settings", tuple(parts))
 
 
 def ours(config: RunConfig) -> dict[str, str]:
-    """The hyperparameters of the study's table 5.3, as this run has them."""
-    learning_rate = (config.dqn or config.ppo).learning_rate  # type: ignore[union-attr]  # a run has one of them
-    found = {
-        "learning rate": np.format_float_positional(learning_rate, trim="-"),
-        "hidden": "/".join(map(str, config.network.hidden)),
-    }
-    if config.dqn is not None:
-        found |= {"batch": str(config.dqn.batch_size), "learn every": f"{config.dqn.learn_every_steps} steps"}
-    if config.ppo is not None:
-        drawn = config.sil.batch_size if config.sil else config.ppo.batch_size
-        epochs = f"{config.ppo.epochs} + {config.sil.epochs}" if config.sil else str(config.ppo.epochs)
-        found |= {"batch": str(drawn or "episode"), "learn every": "episode", "epochs": epochs}
-    if config.replay is not None:
-        found["buffer"] = str(config.replay.capacity)
+    """The hyperparameters of the study's table 5.3, as this run has them; a rule of one's own may lack some."""
+    plain = config.plain()
+    values, policy, imitation, replay = (plain.get(name, {}) for name in ("dqn", "ppo", "sil", "replay"))
+    found = {"hidden": "/".join(map(str, plain["network"].get("hidden", [])))}
+    for section in (values, policy):
+        if "learning_rate" in section:
+            found["learning rate"] = np.format_float_positional(section["learning_rate"], trim="-")
+    if values:
+        found |= {"batch": str(values["batch_size"]), "learn every": f"{values['learn_every_steps']} steps"}
+    if policy:
+        drawn = (imitation or policy).get("batch_size", "episode")
+        epochs = " + ".join(str(section["epochs"]) for section in (policy, imitation) if section)
+        found |= {"batch": str(drawn), "learn every": "episode", "epochs": epochs}
+    if replay:
+        found["buffer"] = str(replay["capacity"])
     return found
 
 
-def _beside(level: Difficulty, name: str, config: RunConfig) -> list[Beside]:
+def _beside(level: str, name: str, config: RunConfig) -> list[Beside]:
     here, study = ours(config), hyperparameters(level, name)
     return [Beside(here.get(key), study.get(key)) for key in HYPERPARAMETERS]
 
 
-def _table(configs: dict[tuple[Difficulty, str], RunConfig]) -> Table:
+def _table(configs: dict[tuple[str, str], RunConfig]) -> Table:
     rows: list[list[Cell]] = [[level, name, *_beside(level, name, config)] for (level, name), config in configs.items()]
     caption = (
         "Hyperparameters of each contender; in brackets the study's, where it has another value. Contenders that are "
@@ -64,7 +65,7 @@ def _table(configs: dict[tuple[Difficulty, str], RunConfig]) -> Table:
     return Table("table-5.3", "Table 5.3: hyperparameters", caption, tuple(map(Column, headings)), rows)
 
 
-def _differences(results: Results, configs: dict[tuple[Difficulty, str], RunConfig]) -> Iterator[Part]:
+def _differences(results: Results, configs: dict[tuple[str, str], RunConfig]) -> Iterator[Part]:
     """What was switched on purpose, and what is not as in the study."""
     lines = []
     if results.study is not None:
@@ -100,9 +101,23 @@ def _value(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 
-def _others(results: Results, configs: dict[tuple[Difficulty, str], RunConfig]) -> Table:
+def _levels(configs: dict[tuple[str, str], RunConfig]) -> Table:
+    """What is played."""
+    rows: dict[str, list[Cell]] = {}
+    for config in configs.values():
+        for name, levels in config.world.levels.items():
+            height, width, trains = levels.bounds
+            others = flat(levels.model_dump(mode="json", exclude={"rules", "size", "trains"}, exclude_none=True))
+            spoken = ", ".join(f"{key} {_value(value)}" for key, value in others.items())
+            rows[f"{name} {levels.identity}"] = [name, levels.rules, f"{height}x{width}", str(trains), spoken]
+    columns = tuple(map(Column, ("level", "rules", "size", "trains", "else")))
+    caption = "The level distributions: rules are those of flatland 2.2.2 (legacy) or flatland-rl 4.3.0 (stock)."
+    return Table("table-levels", "Levels", caption, columns, list(rows.values()))
+
+
+def _others(results: Results, configs: dict[tuple[str, str], RunConfig]) -> Table:
     """A row a setting, a column a contender; where levels differ, all their values."""
-    values: dict[str, dict[str, dict[Difficulty, str]]] = {}
+    values: dict[str, dict[str, dict[str, str]]] = {}
     for (level, name), config in configs.items():
         for key, value in flat(config.science).items():
             if key.split(".")[0] not in OF_RUNS and key.split(".")[-1] not in IN_TABLE:
@@ -115,7 +130,7 @@ def _others(results: Results, configs: dict[tuple[Difficulty, str], RunConfig]) 
     return Table("table-settings", "Other settings", caption, columns, rows, is_folded=True)
 
 
-def _by_level(values: dict[Difficulty, str]) -> str | None:
+def _by_level(values: dict[str, str]) -> str | None:
     distinct = set(values.values())
     if len(distinct) > 1:
         return ", ".join(f"{level} {value}" for level, value in values.items())

@@ -9,7 +9,6 @@ from analysis.report.figures.lines import Line, panels
 from analysis.report.figures.style import Look
 from analysis.report.parts import Figure, Section
 from analysis.report.results import Results
-from common.config import Difficulty
 
 TITLE = "Training curves"
 COLUMNS = ("runs", "median", "low", "high")
@@ -42,7 +41,7 @@ def training(results: Results, styles: Mapping[str, Look]) -> Section:
     return Section(TITLE, (figure,))
 
 
-def _points(results: Results, name: str, level: Difficulty) -> NDArray[np.float64]:
+def _points(results: Results, name: str, level: str) -> NDArray[np.float64]:
     """Of every evaluation point, over the runs that got there, their number, median and interval [P, 4]."""
     curves = [results.block_means(trained) for trained in results.cell(name, level)]
     rows = []

@@ -13,16 +13,18 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from common.rail.compiled.malfunctions import KEY_WORDS, KNOWN_WORDS
+
 WAITING, READY, BROKEN_OFF_MAP, MOVING, STOPPED, BROKEN, DONE = range(7)  # flatland's TrainState
 NOWHERE: Final = -1
 NOTHING: Final = -1
-MOST_CELLS: Final = 8191  # so that configurations, and distances, are below
+MOST_CELLS: Final = (1 << 17) - 1  # so that the configurations fit into `codes`
 UNREACHED: Final = 32767  # a distance that is infinite
 
 # What `codes` holds of a configuration, beside the ways out in bits 0 (north) to 3 (west).
 WAYS: Final = 15
 SINGLE: Final = 1 << 4  # there is one way out,
-AHEAD_SHIFT: Final = 16  # and from this bit on stands the configuration that it leads to
+AHEAD_SHIFT: Final = 12  # and from this bit on stands the configuration that it leads to
 DEAD_END: Final = 1 << 5  # and the cell has no other transition
 UNUSABLE: Final = 1 << 6  # a switch that joins: one way out, more than two transitions, not a diamond crossing
 LOOPS: Final = 1 << 7  # single ways lead from here in a circle
@@ -42,9 +44,13 @@ WORLD: Final = np.dtype(
         ("all_arrived", np.bool_),
         ("over", np.bool_),
         ("breaks", np.bool_),  # trains break down
-        ("draw", np.int32),  # where in `broken` the next malfunction draws continue
-        ("shortest", np.int32),  # steps of a malfunction
+        # see `common.rail.compiled.malfunctions`
+        ("chance", np.float64),  # that a train breaks down, times `WHOLE`
+        ("shortest", np.int32),  # flatland's `min_duration`
         ("longest", np.int32),
+        ("draw", np.int32),  # the index of the last uniform that was used
+        ("position", np.int32),  # in the generator's key before the uniforms
+        ("found", np.int32),  # words of the key after them that are known
     ],
     align=True,
 )
@@ -61,8 +67,10 @@ TRAIN: Final = np.dtype(
         ("distance", np.int32),  # run since the cell's begin
         ("malfunction", np.int32),  # steps left
         ("departure", np.int32),  # the earliest
+        ("latest_arrival", np.int32),
         ("arrived_at", np.int32),  # a time, or NOTHING
         ("done", np.bool_),
+        ("stuck", np.bool_),  # in a deadlock, if the reward asks for it
         # what flatland 2.2.2 remembers beyond 4.3.0
         ("committed", np.int32),  # an action, or NOTHING
         ("driving", np.bool_),
@@ -91,7 +99,7 @@ CELL: Final = np.dtype(
 
 
 class Batch(NamedTuple):
-    """E worlds with room for N trains, C cells and a table of malfunctions each.
+    """E worlds with room for N trains, C cells and, if any has malfunctions, W words of their generator each.
 
     Attributes:
         worlds: [E] of WORLD.
@@ -100,8 +108,9 @@ class Batch(NamedTuple):
         codes: [E, 4C] int32, what the rails say of a configuration, and who is there.
         leads: [E, 4C] int32, at `cell * 4 + way`: the configuration of a train that left the cell that way.
         distances: [E, N, 4C] int16, steps to the train's target.
-        broken: [E, B] uint8, the malfunction draws, a bit each, the first in the highest bit.
-        twister: [E, 625] uint32, the generator of malfunctions' durations: MT19937's key, then its position.
+        uniforms: [E, 625 or 1] uint32, the generator of malfunctions: MT19937's key, then its position.
+        later: [E, 625 or 1] uint32, the generator of their durations.
+        known: [E, W or 1] uint32, words between the two.
     """
 
     worlds: NDArray[np.void]
@@ -110,12 +119,13 @@ class Batch(NamedTuple):
     codes: NDArray[np.int32]
     leads: NDArray[np.int32]
     distances: NDArray[np.int16]
-    broken: NDArray[np.uint8]
-    twister: NDArray[np.uint32]
+    uniforms: NDArray[np.uint32]
+    later: NDArray[np.uint32]
+    known: NDArray[np.uint32]
 
 
-def empty_batch(slots: int, trains: int, cells: int, broken_bytes: int) -> Batch:
-    """A batch in which nothing was loaded: all worlds are over."""
+def empty_batch(slots: int, trains: int, cells: int, *, breaks: bool = False) -> Batch:
+    """A batch in which nothing was loaded: all worlds are over. `breaks`: there is room for malfunctions."""
     batch = Batch(
         worlds=np.zeros(slots, WORLD),
         trains=np.zeros((slots, trains), TRAIN),
@@ -123,17 +133,19 @@ def empty_batch(slots: int, trains: int, cells: int, broken_bytes: int) -> Batch
         codes=np.zeros((slots, cells * 4), np.int32),
         leads=np.zeros((slots, cells * 4), np.int32),
         distances=np.zeros((slots, trains, cells * 4), np.int16),
-        broken=np.zeros((slots, broken_bytes), np.uint8),
-        twister=np.zeros((slots, 625), np.uint32),
+        uniforms=np.zeros((slots, KEY_WORDS + 1 if breaks else 1), np.uint32),
+        later=np.zeros((slots, KEY_WORDS + 1 if breaks else 1), np.uint32),
+        known=np.zeros((slots, KNOWN_WORDS if breaks else 1), np.uint32),
     )
     batch.worlds["over"] = True
     return batch
 
 
-def enlarged(batch: Batch, cells: int, broken_bytes: int) -> Batch:
-    """The same worlds with room for at least so many cells and malfunction draws."""
+def enlarged(batch: Batch, cells: int, *, breaks: bool) -> Batch:
+    """The same worlds with room for at least so many cells, and for malfunctions if there is or shall be."""
     slots, trains = batch.trains.shape
-    larger = empty_batch(slots, trains, max(cells, batch.cells.shape[1]), max(broken_bytes, batch.broken.shape[1]))
+    breaks = breaks or batch.known.shape[1] > 1
+    larger = empty_batch(slots, trains, max(cells, batch.cells.shape[1]), breaks=breaks)
     pairs: Any = zip(batch, larger, strict=True)
     for old, new in pairs:
         new[tuple(slice(length) for length in old.shape)] = old

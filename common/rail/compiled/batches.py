@@ -6,11 +6,13 @@ from numpy.typing import NDArray
 from common.kernel import bare_kernel, kernel
 from common.rail.compiled.arrays import DONE, NOTHING, WAYS, Batch
 from common.rail.compiled.decisions import decides
+from common.rail.compiled.malfunctions import begin
 from common.rail.compiled.paths import lay_rails, measure, number_cells
 from common.rail.compiled.step import start, step
+from common.rail.rewards.table import pay
 from common.rail.world import MOVE_FORWARD
 
-LOADED, OFF_GRID, NO_ROOM, ASTRAY = range(4)
+LOADED, OFF_GRID, NO_ROOM, ASTRAY, TOO_FAR = range(5)
 
 
 @bare_kernel
@@ -56,7 +58,7 @@ def load(
         grid: [H, W].
         starts: [N, 3], row, column, heading.
         targets: [N, 2], row, column.
-        orders: [N, 3], see `Traffic.orders`.
+        orders: [N, 4], see `common.rail.orders`.
         unit: as there.
         max_steps: the step limit.
         legacy: the rules.
@@ -67,7 +69,8 @@ def load(
 
     Returns:
         LOADED, and the number of cells; or OFF_GRID; or NO_ROOM, and the number of cells that there must be room for;
-        these change nothing. Or ASTRAY, and the first train whose target has no rails: then the slot is over.
+        these change nothing. Or ASTRAY, and the first train whose target has no rails; or TOO_FAR, if some place is
+        farther from a target than can be told: then the slot is over.
     """
     height, width = grid.shape
     numbers, places = np.empty((height + 2) * (width + 2), np.int32), np.empty(height * width + 1, np.int32)
@@ -88,7 +91,9 @@ def load(
     if astray != NOTHING:
         over[slot], deciding[slot], arrived[slot] = True, False, False
         return ASTRAY, astray
-    measure(batch, slot)
+    if not measure(batch, slot):
+        over[slot], deciding[slot], arrived[slot] = True, False, False
+        return TOO_FAR, 0
     start(batch, slot, legacy)
     survey(batch, slot, mode, deciding, arrived, over)
     return LOADED, count
@@ -126,9 +131,24 @@ def place_trains(
         train["target_ways"] = ways
         train["full_speed"] = speed
         train["departure"] = departure
+        train["latest_arrival"] = orders[at, 3]
         train["steps_per_cell"] = unit // speed
         train["time_per_cell"] = 1.0 / (speed / unit)
     return NOTHING
+
+
+@bare_kernel
+def break_from_now_on(
+    batch: Batch, slot: int, chance: float, shortest: int, longest: int, draw: int, goes_on: bool
+) -> None:
+    """Let the trains of a slot break down whose generators are given; see `common.rail.compiled.malfunctions`."""
+    world = batch.worlds[slot]
+    world["breaks"] = True
+    world["chance"] = chance
+    world["shortest"] = shortest
+    world["longest"] = longest
+    world["draw"] = draw
+    begin(world, batch.uniforms[slot], batch.later[slot], batch.known[slot], goes_on)
 
 
 @bare_kernel
@@ -141,9 +161,13 @@ def step_all(
     over: NDArray[np.bool_],
     mode: int,
     legacy: bool,
+    weights: NDArray[np.float64],
     obey: bool,
 ) -> None:
-    """One step of every slot that is not over; trains that need not decide move forward unless all `obey`."""
+    """One step of every slot that is not over; trains that need not decide move forward unless all `obey`.
+
+    `weights` are those of `common.rail.rewards.table`.
+    """
     for slot in range(len(batch.worlds)):
         rewards[slot] = 0
         if over[slot]:
@@ -152,5 +176,6 @@ def step_all(
         for at in range(batch.worlds[slot]["trains"]):
             own = obey or deciding[slot, at]
             trains[at]["action"] = actions[slot, at] if own else MOVE_FORWARD
-        step(batch, slot, rewards[slot], legacy)
+        step(batch, slot, legacy)
+        pay(batch, slot, rewards[slot], weights)
         survey(batch, slot, mode, deciding, arrived, over)

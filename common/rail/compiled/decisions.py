@@ -7,7 +7,7 @@
 | CELLS | at the end of a cell, not broken down, and where `common.rail.decisions` says so |
 """
 
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,9 @@ from common.rail.compiled.arrays import (
 ALWAYS: Final = 0
 LEGACY: Final = 1
 CELLS: Final = 2
+
+Decisions = Literal["cells", "legacy", "always"]
+DECISIONS: Final = {"cells": CELLS, "legacy": LEGACY, "always": ALWAYS}
 
 
 @bare_kernel

@@ -183,8 +183,8 @@ def trace_back(
 
 
 @kernel
-def measure(batch: Batch, slot: int) -> None:
-    """Fill `distances` of a slot, and mark the targets, once its trains have got theirs."""
+def measure(batch: Batch, slot: int) -> bool:
+    """Fill `distances` of a slot, and mark the targets, once its trains have theirs; False if some are too large."""
     codes, leads = batch.codes[slot], batch.leads[slot]
     trains, distances = batch.trains[slot], batch.distances[slot]
     count = batch.worlds[slot]["cells"] * 4
@@ -216,6 +216,9 @@ def measure(batch: Batch, slot: int) -> None:
             for number in range(counts[here]):
                 other = before[here, number]
                 if distance[other] == UNREACHED:
+                    if distance[here] + 1 == UNREACHED:
+                        return False
                     distance[other] = distance[here] + 1
                     queue[end] = other
                     end += 1
+    return True

@@ -2,8 +2,7 @@
 
 Source: `RailEnv.step`, `TrainStateMachine`, `SpeedCounter` and `MotionCheck` of flatland-rl 4.3.0 with
 `remove_agents_at_target`, acceleration 1 and braking -1, and no level-free crossings; for 2.2.2 see `LegacyActions` in
-`common.rail.flatland_env`. Rewards are the study's: -1 a step until arrival, 0 from then on, 1 more for all on the
-step that the last train arrives.
+`common.rail.flatland_env`. What trains are paid for a step is another matter: `common.rail.rewards`.
 """
 
 import numpy as np
@@ -26,7 +25,7 @@ from common.rail.compiled.arrays import (
     WAYS,
     Batch,
 )
-from common.rail.compiled.malfunctions import DRAWS, duration
+from common.rail.compiled.malfunctions import duration, is_struck
 from common.rail.world import DO_NOTHING, MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
 
 UNKNOWN, PASSES, STAYS = range(3)
@@ -67,21 +66,22 @@ def start(batch: Batch, slot: int, legacy: bool) -> None:
         train["malfunction"] = 0
         train["arrived_at"] = NOTHING
         train["done"] = False
+        train["stuck"] = False
         train["committed"] = NOTHING
         train["driving"] = False
         cells[train["start"] >> 2]["waiting"] += 1
 
 
 @bare_kernel
-def step(batch: Batch, slot: int, rewards: NDArray[np.float32], legacy: bool) -> None:
-    """One step of a world that is not over, with the actions that its trains hold; fills `rewards`, [N]."""
+def step(batch: Batch, slot: int, legacy: bool) -> None:
+    """One step of a world that is not over, with the actions that its trains hold."""
     world, cells = batch.worlds[slot], batch.cells[slot]
     trains = batch.trains[slot, : world["trains"]]
     codes, leads = batch.codes[slot], batch.leads[slot]
     time, unit = world["time"] + 1, world["unit"]
     world["time"] = time
     if world["breaks"]:
-        break_down(world, trains, batch.broken[slot], batch.twister[slot])
+        break_down(world, trains, batch.uniforms[slot], batch.later[slot], batch.known[slot])
     for at in range(len(trains)):
         if legacy:
             remember(codes, leads, trains[at])
@@ -97,7 +97,6 @@ def step(batch: Batch, slot: int, rewards: NDArray[np.float32], legacy: bool) ->
     world["over"] = over
     for at in range(len(trains)):
         train = trains[at]
-        rewards[at] = (0 if train["state"] == DONE else -1) + (1 if all_arrived else 0)
         if over:
             train["done"] = True
         if legacy:
@@ -106,18 +105,19 @@ def step(batch: Batch, slot: int, rewards: NDArray[np.float32], legacy: bool) ->
 
 
 @bare_kernel
-def break_down(world: np.void, trains: NDArray[np.void], broken: NDArray[np.uint8], words: NDArray[np.uint32]) -> None:
+def break_down(
+    world: np.void,
+    trains: NDArray[np.void],
+    uniforms: NDArray[np.uint32],
+    later: NDArray[np.uint32],
+    known: NDArray[np.uint32],
+) -> None:
     """Draw malfunctions for all trains, also those that cannot break (any more, or once more)."""
-    draw = int(world["draw"])
     for at in range(len(trains)):
-        draw += 1
-        if draw == DRAWS:
-            draw = 0
-        if broken[draw >> 3] >> (7 - (draw & 7)) & 1:
-            steps = duration(words, int(world["shortest"]), int(world["longest"]))
+        if is_struck(world, uniforms, known):
+            steps = duration(world, later, known)
             if trains[at]["malfunction"] == 0:
                 trains[at]["malfunction"] = steps
-    world["draw"] = draw
 
 
 @bare_kernel

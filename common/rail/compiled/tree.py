@@ -41,7 +41,8 @@ LEGACY: Final = 1
 REPAIRED: Final = 2
 
 N_NODE_FEATURES: Final = 12
-MOST_BRANCHES: Final = 64  # that wait to be explored, at depth 3
+DEEPEST: Final = 3
+MOST_BRANCHES: Final = 4 * DEEPEST  # that wait to be explored: of the node in hand, and those before it
 MOST_PREDICTED_STEPS: Final = 62  # moments are bits
 ALL: Final = np.uint64(0xFFFFFFFFFFFFFFFF)
 ONE: Final = np.uint64(1)
@@ -63,7 +64,7 @@ class Sight(NamedTuple):
             bit each.
         path: [P] int32.
         branches: [MOST_BRANCHES, 4] int32, still to be explored: configuration, distance, node, nodes of its subtree.
-        present: [nodes] int32, the nodes of the tree that there are.
+        present: [85] int32, the nodes of the tree that there are; room for the deepest.
         stamps: [4C + 1] int64, the last branch that saw a configuration, and at the end their number.
     """
 
@@ -76,7 +77,7 @@ class Sight(NamedTuple):
     stamps: NDArray[np.int64]
 
 
-def sight_of(batch: Batch, depth: int, predicted_steps: int) -> Sight:
+def sight_of(batch: Batch, predicted_steps: int) -> Sight:
     """Room to look into the worlds of `batch`."""
     n_trains, cells = batch.trains.shape[1], batch.cells.shape[1]
     return Sight(
@@ -85,7 +86,7 @@ def sight_of(batch: Batch, depth: int, predicted_steps: int) -> Sight:
         twice=np.zeros(cells, np.uint64),
         path=np.zeros(predicted_steps, np.int32),
         branches=np.zeros((MOST_BRANCHES, 4), np.int32),
-        present=np.zeros(nodes_of(depth), np.int32),
+        present=np.zeros(nodes_of(DEEPEST), np.int32),
         stamps=np.zeros(cells * 4 + 1, np.int64),
     )
 

@@ -1,45 +1,57 @@
-"""The `World` of the study, and of flatland-rl 4.3.0, compiled; all slots step in one call.
+"""A `World` of either set of rules, compiled; all slots step in one call.
 
-With the defaults it equals `common.rail.flatland_world.FlatlandWorld` episode by episode, to the bit.
+It equals `common.rail.flatland_world.FlatlandWorld` with the same arguments, episode by episode, to the bit.
 """
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from common.levels.level import Level
-from common.rail.compiled import decisions as decision_modes
-from common.rail.compiled import tree as tree_modes
+from common.levels.distributions import Bounds, Rules
+from common.levels.level import Level, Malfunctions
 from common.rail.compiled.arrays import DONE, MOST_CELLS, Batch, empty_batch, enlarged
-from common.rail.compiled.batches import ASTRAY, NO_ROOM, OFF_GRID, load, step_all
-from common.rail.compiled.looking import look, look_at_all
-from common.rail.compiled.malfunctions import Malfunctions
-from common.rail.compiled.traffic import STUDY, Traffic
-from common.rail.compiled.tree import MOST_PREDICTED_STEPS, N_NODE_FEATURES, Sight, nodes_of, sight_of
-
-Rules = Literal["stock", "legacy"]
-Tree = Literal["stock", "legacy", "repaired"]
-Decisions = Literal["always", "legacy", "cells"]
+from common.rail.compiled.batches import ASTRAY, NO_ROOM, OFF_GRID, TOO_FAR, break_from_now_on, load, step_all
+from common.rail.compiled.decisions import DECISIONS, Decisions
+from common.rail.compiled.looking import look_at_all
+from common.rail.compiled.malfunctions import WHOLE, MalfunctionGenerators, seeded
+from common.rail.compiled.tree import LEGACY, N_NODE_FEATURES, STOCK, Sight, nodes_of, sight_of
+from common.rail.observations.table import AnyObservation, header_of, look
+from common.rail.observations.tree import TreeObservation
+from common.rail.orders import Orders, orders_of
+from common.rail.rewards.delay import score
+from common.rail.rewards.study import StudyReward
+from common.rail.rewards.table import AnyReward, weights_of
+from common.rail.world import check_level
 
 PREDICTED_STEPS = 30
-DEEPEST = 3
-_TREES = {"stock": tree_modes.STOCK, "legacy": tree_modes.LEGACY, "repaired": tree_modes.REPAIRED}
-_DECISIONS = {"always": decision_modes.ALWAYS, "legacy": decision_modes.LEGACY, "cells": decision_modes.CELLS}
+STUDY_TREE, STUDY_REWARD = TreeObservation(), StudyReward()
 
 
 class Parts(NamedTuple):
-    """A world taken apart: its state [E slots], the flags that it keeps [E, N], [E, N], [E], and its modes."""
+    """A world taken apart, for compiled code that runs it.
+
+    Attributes:
+        batch: the state of E slots.
+        sight: room for looking.
+        deciding: [E, N], kept up to date by `step_all`, as the next two.
+        arrived: [E, N].
+        over: [E].
+        observation: what `look` is told.
+        decisions: what `step_all` is told of where trains decide,
+        legacy: of the rules,
+        reward: and of rewards.
+    """
 
     batch: Batch
     sight: Sight
     deciding: NDArray[np.bool_]
     arrived: NDArray[np.bool_]
     over: NDArray[np.bool_]
-    tree: int
-    depth: int
+    observation: NDArray[np.int64]
     decisions: int
     legacy: bool
+    reward: NDArray[np.float64]
 
 
 class CompiledWorld:
@@ -49,13 +61,16 @@ class CompiledWorld:
         slots: E.
         max_trains: N.
         rules: of flatland-rl 4.3.0 (`stock`) or 2.2.2 (`legacy`: speed 1, no timetables, no malfunctions).
-        tree: see `common.rail.compiled.tree`.
+        observation: what trains see.
         decisions: see `common.rail.compiled.decisions`.
-        depth: of the trees, 1 to 3.
-        predicted_steps: how far the predictor looks.
+        reward: what trains are paid.
+        bounds: of the largest level; None: unknown, which does for observations that do not depend on it.
 
     Attributes:
         batch: the state, for those who look closer; a `load` may replace it by a larger one.
+
+    Raises:
+        ValueError: the observation needs bounds.
     """
 
     def __init__(
@@ -64,66 +79,69 @@ class CompiledWorld:
         max_trains: int,
         *,
         rules: Rules = "legacy",
-        tree: Tree = "legacy",
+        observation: AnyObservation = STUDY_TREE,
         decisions: Decisions = "cells",
-        depth: int = 2,
-        predicted_steps: int = PREDICTED_STEPS,
+        reward: AnyReward = STUDY_REWARD,
+        bounds: Bounds | None = None,
     ) -> None:
-        if not 1 <= depth <= DEEPEST:
-            raise ValueError(f"depth {depth} is not supported: choose 1 to {DEEPEST}")
-        if not 1 <= predicted_steps <= MOST_PREDICTED_STEPS:
-            raise ValueError(f"{predicted_steps} predicted steps are not supported: choose 1 to {MOST_PREDICTED_STEPS}")
         self.slots = slots
         self.max_trains = max_trains
-        self.n_features = nodes_of(depth) * N_NODE_FEATURES
-        self.batch: Batch = empty_batch(slots, max_trains, cells=1, broken_bytes=1)
+        self.n_features = observation.n_features(bounds)
+        self.batch: Batch = empty_batch(slots, max_trains, cells=1)
+        self._bounds = bounds
         self._legacy = rules == "legacy"
-        self._tree = _TREES[tree]
-        self._decisions = _DECISIONS[decisions]
-        self._depth = depth
-        self._predicted_steps = predicted_steps
-        self._sight = sight_of(self.batch, depth, predicted_steps)
+        self._observation = header_of(observation, rules, bounds)
+        self._decisions = DECISIONS[decisions]
+        self._reward = weights_of(reward)
+        self._sight = sight_of(self.batch, PREDICTED_STEPS)
         self._deciding = np.zeros((slots, max_trains), np.bool_)
         self._arrived = np.zeros((slots, max_trains), np.bool_)
         self._over = np.ones(slots, np.bool_)
         self._seen: tuple[NDArray[np.int64], NDArray[np.float32]] | None = None
 
-    def load(self, slot: int, level: Level, traffic: Traffic = STUDY) -> None:
+    def load(
+        self, slot: int, level: Level, malfunction_seed: int = 0, generators: MalfunctionGenerators | None = None
+    ) -> None:
         """Start an episode of `level` in `slot`.
 
+        Args:
+            slot: which one.
+            level: what is played.
+            malfunction_seed: of 32 bits, for the generator of malfunctions; without effect if the level has none.
+            generators: that generator as it stands, in place of a seeded one.
+
         Raises:
-            ValueError: the level does not fit in, leads off the grid, has a target without rails, or its traffic is
-                not what the rules know.
+            ValueError: the level does not fit in, leads off the grid, has a target without rails, or a schedule that is
+                not what the rules know; in one line.
         """
-        n_trains = level.n_trains
-        if n_trains > self.max_trains:
-            raise ValueError(f"the level has {n_trains} trains, the world has room for {self.max_trains}")
-        if self._legacy and traffic is not STUDY and not traffic.is_plain:
-            raise ValueError("the rules of 2.2.2 know speed 1 only, no timetables and no malfunctions: use stock rules")
-        orders, unit = traffic.orders(n_trains)
-        outcome, number = self._load(slot, level, orders, unit)
+        check_level(level, self.max_trains, self._bounds)
+        orders = orders_of(level, legacy=self._legacy)
+        outcome, number = self._load(slot, level, orders)
         if outcome == NO_ROOM:
             if number > MOST_CELLS:
                 raise ValueError(f"the level has {number} cells with rails, {MOST_CELLS} are supported")
             self._make_room(cells=number)
-            outcome, number = self._load(slot, level, orders, unit)
+            outcome, number = self._load(slot, level, orders)
         if outcome == OFF_GRID:
             raise ValueError("the level's rails lead off the grid")
         self._seen = None
         if outcome == ASTRAY:
             raise ValueError(f"no train can stand on the target of train {number}")
-        if traffic.malfunctions is not None:
-            self._take(slot, traffic.malfunctions)
+        if outcome == TOO_FAR:
+            raise ValueError("the level has places too far from a target: 32,766 cells are supported")
+        malfunctions = None if level.schedule is None else level.schedule.malfunctions
+        if malfunctions is not None:
+            self._break(slot, malfunctions, seeded(malfunction_seed) if generators is None else generators)
 
-    def _load(self, slot: int, level: Level, orders: NDArray[np.int32], unit: int) -> tuple[int, int]:
+    def _load(self, slot: int, level: Level, orders: Orders) -> tuple[int, int]:
         return load(
             self.batch,
             slot,
             np.ascontiguousarray(level.grid, np.uint16),
             np.ascontiguousarray(level.starts, np.int32),
             np.ascontiguousarray(level.targets, np.int32),
-            orders,
-            unit,
+            orders.trains,
+            orders.unit,
             level.max_steps,
             self._legacy,
             self._decisions,
@@ -132,10 +150,29 @@ class CompiledWorld:
             self._over,
         )
 
+    def _break(self, slot: int, malfunctions: Malfunctions, generators: MalfunctionGenerators) -> None:
+        rate, shortest, longest = malfunctions
+        self._make_room(breaks=True)
+        self.batch.uniforms[slot] = generators.origin
+        if generators.later is not None:
+            self.batch.later[slot] = generators.later
+        chance = float(1 - np.exp(-rate)) * WHOLE
+        goes_on = generators.later is not None
+        break_from_now_on(self.batch, slot, chance, shortest, longest, generators.draw, goes_on)
+
     def parts(self) -> Parts:
         """What compiled code needs to run this world itself; valid until the next `load`."""
-        flags = self._deciding, self._arrived, self._over
-        return Parts(self.batch, self._sight, *flags, self._tree, self._depth, self._decisions, self._legacy)
+        return Parts(
+            self.batch,
+            self._sight,
+            self._deciding,
+            self._arrived,
+            self._over,
+            self._observation,
+            self._decisions,
+            self._legacy,
+            self._reward,
+        )
 
     def deciding(self) -> NDArray[np.bool_]:
         return self._deciding.copy()
@@ -145,6 +182,10 @@ class CompiledWorld:
 
     def over(self) -> NDArray[np.bool_]:
         return self._over.copy()
+
+    def score(self, slot: int) -> float:
+        """As `World.score`."""
+        return float(score(self.batch, slot, self._legacy))
 
     def observe_deciding(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """What all trains see that must decide, in one call.
@@ -157,6 +198,7 @@ class CompiledWorld:
         return self._seen
 
     def observe(self, slot: int, train: int) -> NDArray[np.float32]:
+        """As `World.observe`."""
         self._check_sight(slot, train)
         if self._deciding[slot, train]:
             row = np.count_nonzero(self._deciding[:slot]) + np.count_nonzero(self._deciding[slot, :train])
@@ -175,27 +217,19 @@ class CompiledWorld:
         """As `step`, but the actions of all trains count, as in flatland."""
         return self._step(actions, obey=True)
 
-    def trees(self, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
-        """[E, N, nodes, 12]: the raw trees of all trains, in `out` if given; NaN where there is no node or no sight."""
-        shape = self.slots, self.max_trains, nodes_of(self._depth), N_NODE_FEATURES
+    def trees(self, out: NDArray[np.float32] | None = None, *, depth: int = 2) -> NDArray[np.float32]:
+        """[E, N, nodes, 12]: the rules' raw trees of all trains; NaN where there is no node or no sight.
+
+        Args:
+            out: what is overwritten and returned, if given.
+            depth: 1 to 3.
+        """
+        shape = self.slots, self.max_trains, nodes_of(depth), N_NODE_FEATURES
         trees = np.empty(shape, np.float32) if out is None else out
         if trees.shape != shape or trees.dtype != np.float32 or not trees.flags.c_contiguous:
             raise ValueError(f"trees need a contiguous float32 array of shape {shape}")
-        look_at_all(self.batch, self._sight, self._tree, self._depth, trees)
+        look_at_all(self.batch, self._sight, LEGACY if self._legacy else STOCK, depth, trees)
         return trees
-
-    def malfunctions(self, slot: int) -> Malfunctions | None:
-        """What the trains of a slot will suffer from the coming step on; None if they never break down."""
-        world = self.batch.worlds[slot]
-        if not world["breaks"]:
-            return None
-        return Malfunctions(
-            broken=self.batch.broken[slot].copy(),
-            shortest=int(world["shortest"]),
-            longest=int(world["longest"]),
-            draw=int(world["draw"]),
-            twister=self.batch.twister[slot].copy(),
-        )
 
     def _step(self, actions: NDArray[np.int8], *, obey: bool) -> NDArray[np.float32]:
         if actions.shape != self._deciding.shape:
@@ -210,6 +244,7 @@ class CompiledWorld:
             self._over,
             self._decisions,
             self._legacy,
+            self._reward,
             obey,
         )
         self._seen = None
@@ -217,30 +252,19 @@ class CompiledWorld:
 
     def _look(self, asking: NDArray[np.bool_]) -> NDArray[np.float32]:
         """[K, F]: the vectors of the marked trains."""
-        rows = np.count_nonzero(asking)
-        vectors = np.empty((rows, nodes_of(self._depth), N_NODE_FEATURES), np.float32)
-        look(self.batch, self._sight, asking, self._tree, self._depth, vectors)
-        flat: NDArray[np.float32] = vectors.reshape(rows, self.n_features)
-        return flat
+        vectors = np.empty((np.count_nonzero(asking), self.n_features), np.float32)
+        look(self.batch, self._sight, self._observation, asking, vectors)
+        return vectors
 
     def _check_sight(self, slot: int, train: int) -> None:
         if self.batch.worlds[slot]["trains"] == 0:
             raise ValueError(f"slot {slot} was never loaded")
         if not 0 <= train < self.batch.worlds[slot]["trains"]:
             raise ValueError(f"slot {slot} has no train {train}")
-        if self._tree == tree_modes.LEGACY and self.batch.trains[slot, train]["state"] == DONE:
+        if self._legacy and self.batch.trains[slot, train]["state"] == DONE:
             raise ValueError(f"train {train} has arrived: it sees nothing")
 
-    def _make_room(self, cells: int = 1, broken_bytes: int = 1) -> None:
-        if cells > self.batch.cells.shape[1] or broken_bytes > self.batch.broken.shape[1]:
-            self.batch = enlarged(self.batch, cells, broken_bytes)
-            self._sight = sight_of(self.batch, self._depth, self._predicted_steps)
-
-    def _take(self, slot: int, malfunctions: Malfunctions) -> None:
-        self._make_room(broken_bytes=len(malfunctions.broken))
-        world = self.batch.worlds[slot]
-        world["breaks"] = True
-        world["shortest"], world["longest"] = malfunctions.shortest, malfunctions.longest
-        world["draw"] = malfunctions.draw
-        self.batch.broken[slot] = malfunctions.broken
-        self.batch.twister[slot] = malfunctions.twister
+    def _make_room(self, cells: int = 1, *, breaks: bool = False) -> None:
+        if cells > self.batch.cells.shape[1] or (breaks and self.batch.known.shape[1] == 1):
+            self.batch = enlarged(self.batch, cells, breaks=breaks)
+            self._sight = sight_of(self.batch, PREDICTED_STEPS)

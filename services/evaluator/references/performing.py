@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from common.levels.level import Level
 from common.rail.compiled.arrays import NOTHING
 from common.rail.compiled.world import CompiledWorld, Parts
-from common.rail.play import NONE, Recording
 from common.rail.world import DO_NOTHING
+from common.records.course import NONE, Course, Decisions
 from services.evaluator.runner import Policy
 
 Act = Callable[[int], NDArray[np.int8]]  # steps so far -> [N], the actions of all trains
@@ -22,14 +22,14 @@ Begin = Callable[[int, Parts], Act]  # number of the level, and the world at its
 def policy_of(world: CompiledWorld, begin: Begin) -> Policy:
     """The policy that begins anew with every level."""
 
-    def play(index: int, level: Level) -> Recording:
+    def play(index: int, level: Level) -> Course:
         world.load(0, level)
         return perform(world, level, begin(index, world.parts()))
 
     return play
 
 
-def perform(world: CompiledWorld, level: Level, act: Act) -> Recording:
+def perform(world: CompiledWorld, level: Level, act: Act) -> Course:
     """Play the episode in slot 0 from its start; all actions of trains that have not arrived count as decisions."""
     n_trains = level.n_trains
     told = np.full((level.max_steps, n_trains), DO_NOTHING, np.int8)
@@ -43,37 +43,41 @@ def perform(world: CompiledWorld, level: Level, act: Act) -> Recording:
         rewards[step] = world.obey(actions)[0, :n_trains]
         step += 1
     arrived = world.batch.trains[0]["arrived_at"][:n_trains]
-    return recording(level, rewards[:step], np.where(arrived == NOTHING, NONE, arrived - 1), told, under_way)
+    return course(level, rewards[:step], np.where(arrived == NOTHING, NONE, arrived - 1), told, under_way)
 
 
-def recording(
+def course(
     level: Level,
     rewards: NDArray[np.float32],
     arrived_at: NDArray[np.int32],
     told: NDArray[np.int8],
     under_way: NDArray[np.bool_],
-) -> Recording:
+) -> Course:
     """An episode of T steps in which nobody looked at observations.
 
     Args:
         level: of the episode.
         rewards: [T, N].
-        arrived_at: [N], see `Recording`.
+        arrived_at: [N], see `Course`.
         told: [T, N], the actions.
         under_way: [T, N], whose actions are decisions.
     """
     times, trains = np.nonzero(under_way)
     nothing = np.zeros(len(times), np.float32)
-    return Recording(
-        level=level,
-        first_step=0,
-        over=True,
+    decisions = Decisions(
         observations=np.zeros((len(times), 0), np.float32),
         times=times.astype(np.int32),
         trains=trains.astype(np.int32),
         actions=told[times, trains],
         log_probabilities=nothing,
         values=nothing,
+    )
+    return Course(
+        level_hash=level.content_hash,
+        max_steps=level.max_steps,
+        first_step=0,
+        over=True,
+        decisions=decisions,
         rewards=rewards,
         arrived_at=arrived_at.astype(np.int32),
         final_observations=np.zeros((level.n_trains, 0), np.float32),

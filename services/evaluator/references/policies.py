@@ -11,15 +11,13 @@
 
 from functools import partial
 
-from analysis.study import Reference
 from common.rail.compiled.world import CompiledWorld
+from common.requests import ORDERS, Reference
 from services.evaluator.references.deadlock_avoidance import deadlock_avoidance
 from services.evaluator.references.performing import Begin, policy_of
 from services.evaluator.references.planner import planner
 from services.evaluator.references.simple import alone, at_random, shortest_path
 from services.evaluator.runner import Policy
-
-ORDERS = 50
 
 
 def reference_policy(name: Reference, world: CompiledWorld, seed: int = 0, orders: int = ORDERS) -> Policy:

@@ -11,10 +11,10 @@ from common.policy.choosing import draw_counter
 from common.policy.streams import uniform
 from common.rail.compiled.arrays import NOTHING, NOWHERE, Batch
 from common.rail.compiled.world import Parts
-from common.rail.play import NONE, Recording
 from common.rail.world import DO_NOTHING, MOVE_FORWARD, N_ACTIONS
+from common.records.course import NONE, Course
 from common.seeding import stream_key
-from services.evaluator.references.performing import Act, recording
+from services.evaluator.references.performing import Act, course
 from services.evaluator.references.rails import action_out, any_way, shortest_way
 from services.evaluator.runner import Policy
 
@@ -70,7 +70,7 @@ def drive_on(batch: Batch, actions: NDArray[np.int8]) -> None:
 def alone(policy: Policy) -> Policy:
     """Every train plays the policy as if there were no others: with `shortest_path` no policy does better."""
 
-    def play(index: int, level: Level) -> Recording:
+    def play(index: int, level: Level) -> Course:
         solos = [
             policy(index, replace(level, starts=level.starts[[train]], targets=level.targets[[train]]))
             for train in range(level.n_trains)
@@ -80,9 +80,9 @@ def alone(policy: Policy) -> Policy:
         under_way = (arrived_at == NONE) | (np.arange(steps)[:, None] <= arrived_at)
         told = np.full(under_way.shape, DO_NOTHING, np.int8)
         for train, solo in enumerate(solos):
-            told[: solo.last_step, train] = solo.actions
+            told[: solo.last_step, train] = solo.decisions.actions
         rewards = np.where(under_way & (np.arange(steps)[:, None] != arrived_at), -1, 0).astype(np.float32)
         rewards[-1] += (arrived_at != NONE).all()
-        return recording(level, rewards, arrived_at, told, under_way)
+        return course(level, rewards, arrived_at, told, under_way)
 
     return play

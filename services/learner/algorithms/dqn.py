@@ -1,4 +1,4 @@
-"""Deep Q-learning and its variants: one learner, with switches in `NetworkConfig` and `DqnConfig`.
+"""Deep Q-learning and its variants: one learner, with switches in its settings.
 
 | preset | `dqn.target_tau` | `dqn.double` | `network.kind` | paper |
 |---|---|---|---|---|
@@ -29,21 +29,22 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from common.config import DqnConfig
 from common.policy.networks import build_network, export_tensors, import_tensors
+from common.rules.values import DqnConfig, ValueSettings
+from services.learner.algorithms.shapes import check_shapes
 from services.learner.learning import Learning
 from services.learner.network.adam import Adam
 from services.learner.network.sparse import SparseRows, sparse_rows
-from services.learner.network.values import ValueNetwork
+from services.learner.network.values import value_network
 from services.learner.replay.replay import Replay, Sample
-from services.learner.training import Batch, Update, ValueTrainer, value_sections
+from services.learner.training import Batch, Update, ValueTrainer
 
 
-def build(learning: Learning) -> ValueTrainer:
+def build(learning: Learning[ValueSettings]) -> ValueTrainer:
     """The trainer of `dqn`, `ddqn` and `dddqn`."""
-    sections = value_sections("dqn", learning, kinds=("plain", "dueling"))
-    network = build_network(learning.network, learning.n_features, learning.n_actions, learning.seed)
-    return ValueTrainer(learning, sections, Dqn(sections.dqn, network), single_observations)
+    settings, sizes = learning.settings, (learning.n_features, learning.n_actions, learning.seed)
+    network = settings.module(*sizes) or build_network(settings.network, *sizes)
+    return ValueTrainer(learning, Dqn(settings.dqn, network), single_observations)
 
 
 def single_observations(_replay: Replay, sample: Sample) -> tuple[Tensor, Tensor]:
@@ -64,6 +65,7 @@ def q_target(r_t: Tensor, discount_t: Tensor, q_target_t: Tensor) -> Tensor:
     Returns:
         [B].
     """
+    check_shapes("B B BA", r_t, discount_t, q_target_t)
     return r_t + discount_t * q_target_t.amax(-1)
 
 
@@ -81,6 +83,7 @@ def double_q_target(r_t: Tensor, discount_t: Tensor, q_t: Tensor, q_target_t: Te
     Returns:
         [B].
     """
+    check_shapes("B B BA BA", r_t, discount_t, q_t, q_target_t)
     a_t = q_t.argmax(-1, keepdim=True)  # [B, 1]
     return r_t + discount_t * q_target_t.gather(-1, a_t).squeeze(-1)
 
@@ -97,6 +100,7 @@ def error_gradient(error: Tensor, weights: Tensor, a_tm1: Tensor, n_actions: int
     Returns:
         [B, A].
     """
+    check_shapes("B B B", error, weights, a_tm1)
     gradient = torch.zeros(len(error), n_actions)
     return gradient.scatter_(-1, a_tm1.unsqueeze(-1), (weights * error * (2 / len(error))).unsqueeze(-1))
 
@@ -106,6 +110,7 @@ def soft_update(target: Tensor, online: Tensor, tau: float) -> None:
 
     Equation 4.1 of the study, `phi <- (1 - tau) phi + tau theta`; Lillicrap et al. 2016, arXiv:1509.02971.
     """
+    check_shapes("P P", target, online)
     target.lerp_(online, tau)
 
 
@@ -119,8 +124,8 @@ class Dqn:
 
     def __init__(self, config: DqnConfig, network: nn.Module) -> None:
         self._config = config
-        self.online = ValueNetwork(network)
-        self.target = self.online if config.target_tau is None else ValueNetwork(network)
+        self.online = value_network(network)
+        self.target = self.online if config.target_tau is None else value_network(network)
         self._adam = Adam(self.online.parameters, config.learning_rate)
 
     def update(self, batch: Batch) -> Update:

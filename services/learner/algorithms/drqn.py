@@ -20,19 +20,19 @@ import torch
 from torch import Tensor
 
 from common.policy.recurrent import build_recurrent_network
+from common.rules.drqn import Settings
 from services.learner.algorithms.dqn import Dqn
 from services.learner.learning import Learning
 from services.learner.replay.replay import Replay, Sample
-from services.learner.training import ValueTrainer, value_sections
+from services.learner.training import ValueTrainer
 
 
-def build(learning: Learning) -> ValueTrainer:
+def build(learning: Learning[Settings]) -> ValueTrainer:
     """The trainer of `drqn`."""
-    sections = value_sections("drqn", learning, kinds=("recurrent",))
-    network = build_recurrent_network(learning.network, learning.n_features, learning.n_actions, learning.seed)
-
-    look = partial(sequences, length=sections.dqn.sequence_decisions)
-    return ValueTrainer(learning, sections, Dqn(sections.dqn, network), look)
+    settings = learning.settings
+    network = build_recurrent_network(settings.network, learning.n_features, learning.n_actions, learning.seed)
+    look = partial(sequences, length=settings.dqn.sequence_decisions)
+    return ValueTrainer(learning, Dqn(settings.dqn, network), look)
 
 
 def sequences(replay: Replay, sample: Sample, length: int) -> tuple[Tensor, Tensor]:

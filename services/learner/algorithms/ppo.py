@@ -22,7 +22,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from common.config import PpoConfig
+from common.rules.policies import PolicySettings, PpoConfig
+from services.learner.algorithms.shapes import check_shapes
 from services.learner.experience import Experience
 from services.learner.learning import Learning, Trainer
 from services.learner.network.policies import PolicyNetwork
@@ -42,6 +43,7 @@ def log_probability(logits: Tensor, action: Tensor) -> Tensor:
     Returns:
         [B].
     """
+    check_shapes("BA B", logits, action)
     return torch.log_softmax(logits, -1).gather(-1, action.unsqueeze(-1)).squeeze(-1)
 
 
@@ -54,6 +56,7 @@ def standardised(advantage: Tensor) -> Tensor:
     Returns:
         [B]; zero if there is but one.
     """
+    check_shapes("B", advantage)
     return (advantage - advantage.mean()) / (advantage.std(correction=0) + FLOOR)
 
 
@@ -70,6 +73,7 @@ def clipped_surrogate(ratio: Tensor, advantage: Tensor, clip: float) -> Tensor:
     Returns:
         [B].
     """
+    check_shapes("B B", ratio, advantage)
     return torch.minimum(ratio * advantage, ratio.clamp(1 - clip, 1 + clip) * advantage)
 
 
@@ -87,6 +91,7 @@ def clipped_value_loss(value: Tensor, value_old: Tensor, return_t: Tensor, clip:
     Returns:
         [B].
     """
+    check_shapes("B B B", value, value_old, return_t)
     held = value_old + (value - value_old).clamp(-clip, clip)
     return torch.maximum((value - return_t).square(), (held - return_t).square())
 
@@ -100,6 +105,7 @@ def entropy(logits: Tensor) -> Tensor:
     Returns:
         [B].
     """
+    check_shapes("BA", logits)
     log_probabilities = torch.log_softmax(logits, -1)
     return -(log_probabilities.exp() * log_probabilities).sum(-1)
 
@@ -176,13 +182,7 @@ class WholeEpisodes:
             raise ValueError(f"tensor {next(iter(state))} is unknown here: ppo keeps nothing but its network")
 
 
-def build(learning: Learning) -> Trainer:
-    """The trainer of a run of `ppo`.
-
-    Raises:
-        ValueError: the section ppo is missing, or has a batch size.
-    """
-    if learning.ppo is None or learning.ppo.batch_size is not None:
-        raise ValueError("ppo wants a section ppo without a batch_size: it learns from whole episodes")
-    network = build_network(learning, learning.ppo)
-    return PolicyTrainer(learning, network, WholeEpisodes(learning.ppo, network))
+def build(learning: Learning[PolicySettings]) -> Trainer:
+    """The trainer of a run of `ppo`."""
+    network = build_network(learning)
+    return PolicyTrainer(learning, network, WholeEpisodes(learning.settings.ppo, network))

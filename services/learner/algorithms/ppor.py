@@ -8,7 +8,7 @@ actor what it already does, only what it has unlearned.
 What the text leaves open: there is no update until the replay holds a batch.
 """
 
-from common.config import PpoConfig
+from common.rules.ppor import ReplayedPpoConfig, Settings
 from services.learner.algorithms.ppo import Ppo
 from services.learner.experience import Experience, ExperienceReplay, WithReplay
 from services.learner.learning import Learning, Trainer
@@ -20,10 +20,10 @@ from services.learner.policy_training import PolicyTrainer, build_network
 class FromReplay(WithReplay):
     """Every epoch is an update on a batch from the replay."""
 
-    def __init__(self, config: PpoConfig, batch_size: int, network: PolicyNetwork, replay: ExperienceReplay) -> None:
+    def __init__(self, config: ReplayedPpoConfig, network: PolicyNetwork, replay: ExperienceReplay) -> None:
         super().__init__(replay)
         self._epochs = config.epochs
-        self._batch_size = batch_size
+        self._batch_size = config.batch_size
         self._ppo = Ppo(config, network)
 
     def learn(self, new: Experience) -> list[dict[str, float]]:
@@ -37,15 +37,8 @@ class FromReplay(WithReplay):
         return self._ppo.update(sparse_rows(batch.observation_tm1), batch)
 
 
-def build(learning: Learning) -> Trainer:
-    """The trainer of a run of `ppor`.
-
-    Raises:
-        ValueError: the section ppo, its batch size or the section replay is missing, or the replay is prioritised.
-    """
-    ppo, replay = learning.ppo, learning.replay
-    if ppo is None or ppo.batch_size is None or replay is None or replay.kind != "uniform":
-        raise ValueError("ppor wants a section ppo with a batch_size, and a uniform replay")
-    network = build_network(learning, ppo)
-    rule = FromReplay(ppo, ppo.batch_size, network, ExperienceReplay(replay, learning.n_features, learning.seed))
-    return PolicyTrainer(learning, network, rule)
+def build(learning: Learning[Settings]) -> Trainer:
+    """The trainer of a run of `ppor`."""
+    settings, network = learning.settings, build_network(learning)
+    replay = ExperienceReplay(settings.replay, learning.n_features, learning.seed)
+    return PolicyTrainer(learning, network, FromReplay(settings.ppo, network, replay))

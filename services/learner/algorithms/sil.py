@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from common.config import SilConfig
+from common.rules.sil import Settings, SilConfig
 from services.learner.algorithms.ppo import WholeEpisodes, check_finite, log_probability
+from services.learner.algorithms.shapes import check_shapes
 from services.learner.experience import Experience, ExperienceReplay, WithReplay
 from services.learner.learning import Learning, Trainer
 from services.learner.network.policies import PolicyNetwork
@@ -42,6 +43,7 @@ def imitation_policy_loss(log_probability_tm1: Tensor, gain: Tensor) -> Tensor:
     Returns:
         [B].
     """
+    check_shapes("B B", log_probability_tm1, gain)
     return -log_probability_tm1 * gain
 
 
@@ -57,6 +59,7 @@ def imitation_value_loss(value: Tensor, return_t: Tensor) -> Tensor:
     Returns:
         [B].
     """
+    check_shapes("B B", value, return_t)
     return (return_t - value).clamp(min=0).square() / 2
 
 
@@ -126,18 +129,10 @@ def _priorities(gain: Tensor) -> NDArray[np.float64]:
     return np.maximum(gain.numpy(), 0).astype(np.float64)
 
 
-def build(learning: Learning) -> Trainer:
-    """The trainer of a run of `sil`.
-
-    Raises:
-        ValueError: a section is missing or does not fit.
-    """
-    ppo, sil, replay = learning.ppo, learning.sil, learning.replay
-    if ppo is None or ppo.batch_size is not None or sil is None or replay is None:
-        raise ValueError("sil wants sections ppo, without a batch_size, sil and replay")
-    if replay.kind != "prioritized" or replay.beta != 0:
-        raise ValueError(f"sil wants replay.kind prioritized and replay.beta 0, not {replay.kind} and {replay.beta}")
-    network = build_network(learning, ppo)
-    buffer = ExperienceReplay(replay, learning.n_features, learning.seed)
-    rule = SelfImitation(sil, WholeEpisodes(ppo, network), Sil(sil, network), buffer)
+def build(learning: Learning[Settings]) -> Trainer:
+    """The trainer of a run of `sil`."""
+    settings, network = learning.settings, build_network(learning)
+    replay = ExperienceReplay(settings.replay, learning.n_features, learning.seed)
+    on_policy = WholeEpisodes(settings.ppo, network)
+    rule = SelfImitation(settings.sil, on_policy, Sil(settings.sil, network), replay)
     return PolicyTrainer(learning, network, rule)

@@ -48,6 +48,15 @@ def sparse_rows(x: Tensor) -> SparseRows:
     return SparseRows(x.shape, starts, columns, values)
 
 
+def dense_rows(x: SparseRows) -> Tensor:
+    """What `sparse_rows` was given [..., F], but that its minus zeros are zeros."""
+    dense = torch.zeros(x.n_rows, x.shape[-1])
+    count = x.starts[-1]
+    rows = np.repeat(np.arange(x.n_rows), np.diff(x.starts))
+    dense.numpy()[rows, x.columns[:count]] = x.values[:count]
+    return dense.view(x.shape)
+
+
 @bare_kernel
 def find(x: _Bits, starts: _Ints, columns: _Ints, values: _Bits) -> None:
     """Fill a `SparseRows` from the bits of x [R, F].

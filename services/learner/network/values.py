@@ -1,17 +1,39 @@
 """The networks of action values for training: what `common.policy.networks` and `recurrent` define, with gradients.
 
-An entry takes observations in, hidden layers follow, a head gives the action values.
+An entry takes observations in, hidden layers follow, a head gives the action values. Any other module goes the plain
+path, see `modules`.
 """
 
 from typing import Protocol
 
 from torch import Tensor, nn
 
-from common.policy.networks import dueling_values
+from common.policy.networks import QNetwork, dueling_values
+from common.policy.recurrent import RecurrentQNetwork
 from services.learner.network.layers import RELU, Linear, Perceptron, Stack
 from services.learner.network.lstm import Lstm
+from services.learner.network.modules import ModuleValues
 from services.learner.network.parameters import Parameters
 from services.learner.network.sparse import SparseRows
+
+
+class TrainedValues(Protocol):
+    """A copy of a network of action values to train."""
+
+    parameters: Parameters
+
+    def forward(self, x: SparseRows) -> Tensor:
+        """Action values [B, A] of observations [B, F], or of the last ones of sequences [L, B, F]."""
+
+    def backward(self, gradient: Tensor) -> None:
+        """From the gradient of a loss with respect to the last action values [B, A] to `parameters.flat_gradient`."""
+
+
+def value_network(network: nn.Module) -> TrainedValues:
+    """A copy of a network to train: on the fast path if there is one for its class."""
+    if isinstance(network, (QNetwork, RecurrentQNetwork)):
+        return ValueNetwork(network)
+    return ModuleValues(network)
 
 
 class Body(Protocol):

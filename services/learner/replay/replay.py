@@ -13,8 +13,8 @@ import torch
 from numpy.typing import DTypeLike, NDArray
 from torch import Tensor
 
-from common.config import ReplayConfig
 from common.kernel import bare_kernel
+from common.rules.replay import PrioritizedReplay, ReplayConfig
 from services.learner.replay.drawing import draw, gather
 from services.learner.replay.priorities import Priorities
 from services.learner.replay.rows import RowRing
@@ -65,8 +65,7 @@ class Replay:
         }
         self._row_names = tuple(rows)
         self._rows = RowRing(config.capacity, len(rows), n_features)
-        prioritized = config.kind == "prioritized"
-        self._priorities = Priorities(config.capacity, config.alpha) if prioritized else None
+        self._priorities = Priorities(config.capacity, config.alpha) if isinstance(config, PrioritizedReplay) else None
         self._added = 0  # ever, or as many as would have left the ring as it is
         self._make_sample(0)
         self._histories = torch.empty(0, 0, n_features)
@@ -141,17 +140,17 @@ class Replay:
         if self._histories.shape[:2] != (length, len(places)):
             self._histories = torch.empty(length, len(places), self._n_features)
         chain = np.empty((length, len(places)), np.int64)
-        follow(self._columns[BACK], self._oldest, self._capacity, places, chain)
+        trace_back(self._columns[BACK], self._oldest, self._capacity, places, chain)
         self._rows.gather(chain.reshape(-1), _bits(self._histories.numpy()).reshape(1, -1, self._n_features))
         return self._histories
 
     def metrics(self) -> dict[str, float]:
         """`replay_fill`, a share of the capacity; and `priority_mean` and `priority_max`, to the power of alpha."""
-        told = {"replay_fill": len(self) / self._capacity}
+        metrics = {"replay_fill": len(self) / self._capacity}
         if self._priorities:
-            told["priority_mean"] = self._priorities.total / max(1, len(self))
-            told["priority_max"] = self._priorities.largest
-        return told
+            metrics["priority_mean"] = self._priorities.total / max(1, len(self))
+            metrics["priority_max"] = self._priorities.largest
+        return metrics
 
     def state(self) -> dict[str, NDArray[Any]]:
         """A copy of all that the ring holds, in the order of its places, and its cursor."""
@@ -230,7 +229,9 @@ def _bits(rows: NDArray[np.float32]) -> NDArray[np.uint32]:
 
 
 @bare_kernel
-def follow(back: NDArray[Any], oldest: int, capacity: int, places: NDArray[np.int64], chain: NDArray[np.int64]) -> None:
+def trace_back(
+    back: NDArray[Any], oldest: int, capacity: int, places: NDArray[np.int64], chain: NDArray[np.int64]
+) -> None:
     """Fill `chain` [L, B] with the places of a train's last items, the last of them being `places` [B]; -1 for none."""
     for item in range(len(places)):
         place = places[item]

@@ -20,14 +20,16 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from common.kernel import bare_kernel, kernel
-from common.records import Episode
+from common.records.acting import Fragment
+from common.records.course import Course, Decisions
 
+DECIDED = {"observation_tm1": "observations", "action_tm1": "actions"}  # what is learned of each decision
 ROWS = ("observation_tm1", "observation_t")
-COLUMNS: Mapping[str, type[np.generic]] = {
-    "action_tm1": np.int8,
+COLUMNS: Mapping[str, DTypeLike] = {
+    **{name: Decisions.arrays()[column].dtype for name, column in DECIDED.items() if name not in ROWS},
     "reward_t": np.float32,
     "discount_t": np.float32,
     "back": np.int32,
@@ -39,7 +41,6 @@ NONE = -1  # no decision pending, no transition before, nothing that follows
 _ENDS = np.dtype(
     [
         ("seen", np.int64),
-        ("action", np.int8),
         ("reward", np.float64),
         ("discount", np.float64),
         ("follows", np.int64),
@@ -50,8 +51,7 @@ _ENDS = np.dtype(
 )
 _PENDING = np.dtype(
     [
-        ("seen", np.int64),  # which row holds the observation
-        ("action", np.int8),
+        ("seen", np.int64),  # which row holds the decision
         ("reward", np.float64),  # discounted sum so far
         ("discount", np.float64),  # gamma to the power of the steps so far
         ("last", np.int64),  # the number of the train's last transition
@@ -97,7 +97,7 @@ class TransitionMaker:
         """Leave the episode that is open, if there is one."""
         self._open: tuple[int, int, int] | None = None  # the next fragment: episode, number, first step
         self._pending = np.zeros(0, _PENDING)
-        self._seen = np.zeros((0, 0), np.float32)  # [N, F], what the trains saw at their pending decisions
+        self._kept: dict[str, NDArray[Any]] = {}  # by column of DECIDED: [N, ...], of the trains' pending decisions
         self._made = 0  # transitions of this episode so far
 
     @property
@@ -105,65 +105,68 @@ class TransitionMaker:
         """An episode has begun, and its last fragment has not come."""
         return self._open is not None
 
-    def take(self, episode: Episode) -> Transitions:
+    def take(self, fragment: Fragment) -> Transitions:
         """All transitions that a whole episode holds, or that become complete with its next fragment.
 
         Args:
-            episode: decisions in the order of (time, train), at most one for each.
+            fragment: decisions in the order of (time, train), at most one for each.
 
         Raises:
             ValueError: the fragment is not the next one, the decisions are out of order, or a train decides after its
                 arrival; then nothing has changed.
         """
-        self._check_follows(episode)
-        check_order(episode)
+        course, decisions = fragment.course, fragment.course.decisions
+        self._check_follows(fragment)
+        check_order(fragment)
         if not self.is_open:
-            self._begin(*episode.final_observations.shape)
-        ends = np.empty(len(episode.times) + len(self._pending), _ENDS)
-        count = follow(
-            plain(episode.times),
-            plain(episode.trains),
-            plain(episode.actions),
-            plain(episode.rewards),
-            plain(episode.arrived_at),
-            episode.first_step,
-            episode.over,
+            self._begin(course)
+        ends = np.empty(len(decisions) + len(self._pending), _ENDS)
+        count = find_transitions(
+            plain(decisions.times),
+            plain(decisions.trains),
+            plain(course.rewards),
+            plain(course.arrived_at),
+            course.first_step,
+            course.over,
             self._discount,
             self._pending,
             self._made,
             ends,
         )
         self._made += count
-        made = self._gather(episode, ends[:count])
-        if episode.over:
+        made = self._gather(course, ends[:count])
+        if course.over:
             self.forget()
         else:
-            self._keep(episode)
+            self._keep(fragment)
         return made
 
-    def _check_follows(self, episode: Episode) -> None:
-        got = (episode.episode, episode.fragment, episode.first_step)
-        want = (episode.episode, 0, 0) if self._open is None else self._open
+    def _check_follows(self, fragment: Fragment) -> None:
+        episode, number = fragment.lease.unit
+        got = (episode, number, fragment.course.first_step)
+        want = (episode, 0, 0) if self._open is None else self._open
         if got != want:
             raise ValueError(
-                f"fragment {got[1]} of episode {got[0]} begins after step {got[2]}: "
+                f"fragment {number} of episode {episode} begins after step {got[2]}: "
                 f"fragment {want[1]} of episode {want[0]} comes next, after step {want[2]}"
             )
-        if self.is_open and self._seen.shape != episode.final_observations.shape:
-            raise ValueError(f"fragment {got[1]} of episode {got[0]}: other trains or features than before")
+        if self.is_open and self._kept["observations"].shape != fragment.course.final_observations.shape:
+            raise ValueError(f"fragment {number} of episode {episode}: other trains or features than before")
 
-    def _begin(self, n_trains: int, n_features: int) -> None:
+    def _begin(self, course: Course) -> None:
+        n_trains = course.n_trains
         self._pending = np.zeros(n_trains, _PENDING)
         self._pending["seen"] = self._pending["last"] = NONE
-        self._seen = np.zeros((n_trains, n_features), np.float32)
+        for column in DECIDED.values():
+            array = getattr(course.decisions, column)
+            self._kept[column] = np.zeros((n_trains, *array.shape[1:]), array.dtype)
 
-    def _gather(self, episode: Episode, ends: NDArray[Any]) -> Transitions:
-        rows = np.concatenate((self._seen, episode.observations, episode.final_observations))
-        following = rows[ends["follows"]]
+    def _gather(self, course: Course, ends: NDArray[Any]) -> Transitions:
+        rows = {name: np.concatenate((kept, getattr(course.decisions, name))) for name, kept in self._kept.items()}
+        following = np.concatenate((rows["observations"], course.final_observations))[ends["follows"]]
         following[ends["follows"] == NONE] = 0
         columns = {
-            "observation_tm1": rows[ends["seen"]],
-            "action_tm1": ends["action"].copy(),
+            **{name: rows[column][ends["seen"]] for name, column in DECIDED.items()},
             "reward_t": ends["reward"].astype(np.float32),
             "discount_t": ends["discount"].astype(np.float32),
             "observation_t": following,
@@ -171,11 +174,13 @@ class TransitionMaker:
         }
         return Transitions(columns, ends["completed_at"].copy())
 
-    def _keep(self, episode: Episode) -> None:
-        self._open = (episode.episode, episode.fragment + 1, episode.first_step + len(episode.rewards))
+    def _keep(self, fragment: Fragment) -> None:
+        episode, number = fragment.lease.unit
+        self._open = (episode, number + 1, fragment.course.last_step)
         seen, n_trains = self._pending["seen"], len(self._pending)
         new = np.flatnonzero(seen >= n_trains)
-        self._seen[new] = episode.observations[seen[new] - n_trains]
+        for name, kept in self._kept.items():
+            kept[new] = getattr(fragment.course.decisions, name)[seen[new] - n_trains]
         seen[new] = new
 
 
@@ -187,7 +192,7 @@ def plain(array: NDArray[Number]) -> NDArray[Number]:
 @bare_kernel
 def end(now: Any, follows: int, completed_at: int, number: int, out: Any) -> int:
     """Write the transition that ends what is pending, the `number`th of its episode; returns 1, what there is of it."""
-    out.seen, out.action, out.reward, out.discount = now.seen, now.action, now.reward, now.discount
+    out.seen, out.reward, out.discount = now.seen, now.reward, now.discount
     out.follows, out.completed_at = follows, completed_at
     out.back = 0 if now.last == NONE else number - now.last
     now.last, now.seen = number, NONE
@@ -195,10 +200,9 @@ def end(now: Any, follows: int, completed_at: int, number: int, out: Any) -> int
 
 
 @kernel
-def follow(  # noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
+def find_transitions(  # noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
     times: NDArray[np.int32],
     trains: NDArray[np.int32],
-    actions: NDArray[np.int8],
     rewards: NDArray[np.float32],
     arrived_at: NDArray[np.int32],
     first_step: int,
@@ -208,14 +212,13 @@ def follow(  # noqa: PLR0913  (compiled code takes arrays, not objects that hold
     made: int,
     ends: NDArray[Any],
 ) -> int:
-    """Walk along a fragment, step by step and train by train.
+    """Walk along a fragment, step by step and train by train, and note which decisions end and how.
 
-    Rows are counted through what trains saw before the fragment [N], its observations [D] and its last ones [N].
+    Rows are counted through the trains' decisions before the fragment [N], its own [D] and its last observations [N].
 
     Args:
         times: [D].
         trains: [D].
-        actions: [D].
         rewards: [T, N].
         arrived_at: [N].
         first_step: steps before the fragment.
@@ -236,7 +239,7 @@ def follow(  # noqa: PLR0913  (compiled code takes arrays, not objects that hold
             if decision < len(times) and times[decision] == step and trains[decision] == train:
                 if now.seen != NONE:
                     count += end(now, n_trains + decision, step + 1, made + count, ends[count])
-                now.seen, now.action = n_trains + decision, actions[decision]
+                now.seen = n_trains + decision
                 now.reward, now.discount = 0.0, 1.0
                 decision += 1
             if now.seen == NONE:
@@ -251,12 +254,12 @@ def follow(  # noqa: PLR0913  (compiled code takes arrays, not objects that hold
     return count
 
 
-def check_order(episode: Episode) -> None:
+def check_order(fragment: Fragment) -> None:
     """Raises ValueError for decisions out of the order of (time, train), or after their train has arrived."""
-    times, trains = episode.times.astype(np.int64), episode.trains
-    place = times * episode.rewards.shape[1] + trains
-    if not (np.diff(place) > 0).all():
-        raise ValueError(f"episode {episode.episode}: decisions are not in the order of (time, train)")
-    arrived = episode.arrived_at[trains]
+    decisions, n_trains = fragment.course.decisions, fragment.course.n_trains
+    times, trains = decisions.times.astype(np.int64), decisions.trains
+    if not (np.diff(times * n_trains + trains) > 0).all():
+        raise ValueError(f"episode {fragment.lease.episode}: decisions are not in the order of (time, train)")
+    arrived = fragment.course.arrived_at[trains]
     if ((arrived >= 0) & (times > arrived)).any():
-        raise ValueError(f"episode {episode.episode}: a train decides after its arrival")
+        raise ValueError(f"episode {fragment.lease.episode}: a train decides after its arrival")

@@ -65,9 +65,9 @@ def test_it_plays_a_level_as_our_actors_do(difficulty, world):
     assert rewards == [row.sum() for row in recording.rewards]
     np.testing.assert_array_equal(arrived_at, recording.arrived_at)
     assert [decision[:3] for decision in decisions] == list(
-        zip(recording.times, recording.trains, recording.actions, strict=True)
+        zip(recording.decisions.times, recording.decisions.trains, recording.decisions.actions, strict=True)
     )
-    np.testing.assert_array_equal([decision[3] for decision in decisions], recording.observations)
+    np.testing.assert_array_equal([decision[3] for decision in decisions], recording.decisions.observations)
 
 
 def test_seeds_name_the_levels_of_a_run_and_each_reset_goes_on_to_the_next():

@@ -17,7 +17,9 @@ import zenoh
 from common import bus as bus_module
 from common.bus import NoAnswer, open_bus, open_router
 from common.interpreter import PYTHON
-from common.records import CommandAnswer, Empty, HistoryRequest, Weights
+from common.records.acting import Weights
+from common.records.control import CommandAnswer, Empty
+from common.records.rows import HistoryRequest
 from common.wire.codec import encode, encoding_of
 from common.wire.keys import ALL_ALIVE, Alive, Service, Topic
 from deploy.launch import LOOPBACK, free_port

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from common.config import ExplorationConfig, parse_config
+from common.config import parse_config
+from common.rules.values import ExplorationConfig
 from common.strict import ConfigError, describe, nearest
 
 DQN = {"learning_rate": 0.001, "batch_size": 8, "learn_every_steps": 4}

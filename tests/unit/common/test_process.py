@@ -26,6 +26,7 @@ from common.process import (
     run_service,
     service_context,
 )
+from common.records.heartbeats import ActorReport
 from common.strict import ConfigError
 from common.wire import keys
 from common.wire.keys import Alive
@@ -120,23 +121,24 @@ def test_a_heart_beats_at_most_once_a_second_unless_it_must(monkeypatch):
     clock, wire = Clock(), Wire()
     clock.now = 100.0
     monkeypatch.setattr(process, "time", clock)
-    heartbeat = HeartbeatPublisher(wire, "learner", "learner")
+    heartbeat = HeartbeatPublisher(wire, "actor-easy-0", "actor")
+    report = ActorReport(acted=3, kept=1)
     heartbeat.beat("starting")
     heartbeat.beat("training", lambda: pytest.fail("counted for nothing"))
     clock.now += 0.99
     heartbeat.beat("training")
     assert len(wire.published) == 1
     clock.now += 0.01
-    heartbeat.beat("training", lambda: {"done": 3.0})
+    heartbeat.beat("training", lambda: report)
     heartbeat.beat("finished", now=True)
     clock.now += 0.5
     heartbeat.beat("finished")
-    assert [(beat.state, beat.counters) for beat in wire.published] == [
-        ("starting", {}),
-        ("training", {"done": 3.0}),
-        ("finished", {}),
+    assert [(beat.state, beat.report) for beat in wire.published] == [
+        ("starting", None),
+        ("training", report),
+        ("finished", None),
     ]
-    assert {(beat.process, beat.role, beat.pid) for beat in wire.published} == {("learner", "learner", os.getpid())}
+    assert {(beat.process, beat.role, beat.pid) for beat in wire.published} == {("actor-easy-0", "actor", os.getpid())}
 
 
 @pytest.mark.parametrize(

@@ -4,51 +4,34 @@ import json
 
 import numpy as np
 import pytest
+from made_episodes import course_of, decisions_of, edited, fragment_of, lease_of
 from pydantic import ValidationError
 
-from common.records import (
-    CIRCUMSTANCES,
-    CheckpointFile,
-    CheckpointNotice,
-    Episode,
-    EpisodeRow,
-    EvaluationRow,
-    Heartbeat,
-    Lease,
-    ScaleRequest,
-    Weights,
-)
+from common.records.acting import Fragment, Lease, Progressed, Weights, digest_of
+from common.records.base import Record
+from common.records.checkpoints import CheckpointFile, CheckpointNotice
+from common.records.control import ScaleRequest
+from common.records.course import Course, Decisions, normalised_return
+from common.records.heartbeats import ActorReport, EvaluatorReport, Heartbeat
+from common.records.rows import EpisodeRow, EvaluationRow
 
 FLOATS = ("observations", "log_probabilities", "values", "rewards", "final_observations")
 
 
 def episode(**changes):
     """Two trains, three steps, four decisions, two features; the second train never arrived."""
-    fields = {
-        "episode": 7,
-        "fragment": 0,
-        "first_step": 0,
-        "over": True,
-        "level": "easy",
-        "level_seed": 99,
-        "level_hash": "0" * 32,
-        "weights_version": 6,
-        "actor": "actor-easy-0",
-        "acting_s": 0.5,
-        "waited_s": 0.1,
-        "max_steps": 3,
-        "observations": np.arange(8, dtype=np.float32).reshape(4, 2),
-        "times": np.array([0, 0, 1, 2], np.int32),
-        "trains": np.array([0, 1, 1, 0], np.int32),
-        "actions": np.array([2, 4, 0, 1], np.int8),
-        "log_probabilities": np.zeros(4, np.float32),
-        "values": np.zeros(4, np.float32),
-        "rewards": np.array([[-1, -1], [-1, -1], [0, -1]], np.float32),
-        "arrived_at": np.array([2, -1], np.int32),
-        "final_observations": np.array([[0, 0], [1, 2]], np.float32),
-        "states": np.zeros((2, 0), np.float32),
-    }
-    return Episode(**fields | changes)
+    decided = [(0, 0, 2, [0, 1]), (0, 1, 4, [2, 3]), (1, 1, 0, [4, 5]), (2, 0, 1, [6, 7])]
+    course = course_of([[-1, -1], [-1, -1], [0, -1]], [2, -1], decisions_of(decided, 2), [[0, 0], [1, 2]], max_steps=3)
+    made = fragment_of(lease_of(7, level_seed=99, weights_version=6), course, "actor-easy-0")
+    return checked(edited(made, **changes))
+
+
+def checked(record):
+    """The record, made again from its fields with all their checks."""
+    fields = {name: getattr(record, name) for name in type(record).model_fields}
+    return type(record)(
+        **{name: checked(value) if isinstance(value, Record) else value for name, value in fields.items()}
+    )
 
 
 def complaint(make):
@@ -59,10 +42,7 @@ def complaint(make):
 
 
 def test_an_episode_without_decisions_is_an_episode():
-    empty = {name: np.zeros(0, np.int32) for name in ("times", "trains")}
-    empty |= {name: np.zeros(0, np.float32) for name in ("log_probabilities", "values")}
-    quiet = episode(observations=np.zeros((0, 2), np.float32), actions=np.zeros(0, np.int8), **empty)
-    assert len(quiet.actions) == 0
+    assert len(episode(decisions=decisions_of([], 2)).course.decisions) == 0
 
 
 @pytest.mark.parametrize(
@@ -80,45 +60,113 @@ def test_an_episode_without_decisions_is_an_episode():
         ("actions", np.zeros(5, np.int8), "actions: dimension D is 5 here and 4 before"),
         ("arrived_at", np.zeros(3, np.int32), "arrived_at: dimension N is 3 here and 2 before"),
         ("final_observations", np.zeros((2, 3), np.float32), "final_observations: dimension F is 3 here and 2 before"),
-        ("times", np.array([0, 0, 1, 3], np.int32), "times: wants values in 0..2"),
-        ("times", np.array([-1, 0, 1, 2], np.int32), "times: wants values in 0..2"),
-        ("trains", np.array([0, 1, 2, 0], np.int32), "trains: wants values in 0..1"),
-        ("actions", np.array([0, 5, 0, 0], np.int8), "actions: wants values in 0..4"),
-        ("actions", np.array([0, -1, 0, 0], np.int8), "actions: wants values in 0..4"),
+        ("times", np.array([0, 0, 1, 3], np.int32), "decisions.times: wants values in 0..2"),
+        ("times", np.array([-1, 0, 1, 2], np.int32), "decisions.times: wants values in 0..2"),
+        ("trains", np.array([0, 1, 2, 0], np.int32), "decisions.trains: wants values in 0..1"),
+        ("actions", np.array([0, 5, 0, 0], np.int8), "decisions.actions: wants values in 0..4"),
+        ("actions", np.array([0, -1, 0, 0], np.int8), "decisions.actions: wants values in 0..4"),
         ("arrived_at", np.array([3, -1], np.int32), "arrived_at: wants values in -1..2"),
         ("arrived_at", np.array([0, -2], np.int32), "arrived_at: wants values in -1..2"),
         ("max_steps", 2, "rewards: wants 1..2 steps of at least one train, got 3 of 2"),
-        ("first_step", 1, "times: wants values in 1..3"),
-        ("fragment", 1, "first_step: 0 does not begin fragment 1"),
+        ("first_step", 1, "decisions.times: wants values in 1..3"),
+        ("over", False, "course: is not over, its lease covers all of it"),
+        ("score", 0.5, None),
         ("states", np.zeros((3, 0), np.float32), "states: dimension N is 3 here and 2 before"),
     ],
 )
 def test_an_episode_whose_arrays_do_not_fit_is_refused(field, value, text):
+    if text is None:
+        assert getattr(episode(**{field: value}).course, field) == value
+        return
     _, message = complaint(lambda: episode(**{field: value}))
     assert message == f"Value error, {text}"
 
 
+def leased(steps, first_step=0):
+    before = {"actions": np.zeros(0, np.int8), "states": np.zeros((1, 0), np.float32)}
+    progressed = Progressed(fragment=1, first_step=first_step, **before) if first_step else None
+    return lease_of(0, steps=steps, progressed=progressed)
+
+
+def a_course(steps, over, **changes):
+    return course_of(np.zeros((steps, 1)), [-1], decisions_of([], 1), over=over, max_steps=9, **changes)
+
+
+@pytest.mark.parametrize(
+    ("lease", "course", "text"),
+    [
+        (leased(3), a_course(3, over=False), None),
+        (leased(3), a_course(2, over=True), None),
+        (leased(3, first_step=2), a_course(3, over=False, first_step=2), None),
+        (leased(3), a_course(2, over=False), "course: has 2 steps, its lease 3"),
+        (leased(3), a_course(4, over=False), "course: has 4 steps, its lease 3"),
+        (leased(3), a_course(4, over=True), "course: has 4 steps, its lease 3"),
+        (leased(None), a_course(4, over=False), "course: is not over, its lease covers all of it"),
+        (
+            leased(3, first_step=1),
+            a_course(3, over=False, first_step=2),
+            "course: begins after step 2, its lease after 1",
+        ),
+    ],
+)
+def test_a_course_answers_its_lease(lease, course, text):
+    if text is None:
+        assert fragment_of(lease, course).course is course
+    else:
+        assert complaint(lambda: fragment_of(lease, course))[1] == f"Value error, {text}"
+
+
+def test_lengths_agree_across_nested_records():
+    states = np.zeros((1, 4), np.float32)
+    progressed = Progressed(fragment=1, first_step=1, actions=np.zeros(9, np.int8), states=states)
+    lease = lease_of(0, steps=3, progressed=progressed)
+    assert fragment_of(lease, a_course(3, over=False, first_step=1, states=states)).lease.fragment == 1
+    for wrong, letter, sizes in ((np.zeros((1, 2), np.float32), "S", "2 here and 4"),):
+        course = a_course(3, over=False, first_step=1, states=wrong)
+        text = complaint(lambda course=course: fragment_of(lease, course))[1]
+        assert text == f"Value error, course.states: dimension {letter} is {sizes} before"
+
+
+def test_a_score_belongs_to_the_end():
+    text = complaint(lambda: a_course(3, over=False, score=0.5))[1]
+    assert text == "Value error, score: 0.5 of an episode that is not over"
+
+
+@pytest.mark.parametrize(
+    ("arrived_at", "steps", "expected"),
+    [
+        ([-1, -1], 10, -20 / 20),  # nobody arrives
+        ([2, -1], 10, -12 / 20),
+        ([2, 3], 4, (-5 + 2) / 20),  # everyone gets 1 on step 3
+        ([0, 0], 1, 2 / 20),
+    ],
+)
+def test_returns_worked_by_hand(arrived_at, steps, expected):
+    assert normalised_return(np.array(arrived_at, np.int32), steps, max_steps=10) == expected
+
+
+def test_the_return_is_the_studys_whatever_is_learned_from():
+    assert episode().course.normalised_return == -(2 + 3) / (2 * 3)
+    assert episode(rewards=np.full((3, 2), 7.5, np.float32)).course.normalised_return == -(2 + 3) / (2 * 3)
+
+
 def test_an_episode_needs_a_train_and_a_step():
-    no_train = {
-        "rewards": np.zeros((3, 0), np.float32),
-        "arrived_at": np.zeros(0, np.int32),
-        "final_observations": np.zeros((0, 2), np.float32),
-        "observations": np.zeros((0, 2), np.float32),
-        "times": np.zeros(0, np.int32),
-        "trains": np.zeros(0, np.int32),
-        "actions": np.zeros(0, np.int8),
-        "log_probabilities": np.zeros(0, np.float32),
-        "values": np.zeros(0, np.float32),
-        "states": np.zeros((0, 0), np.float32),
-    }
-    assert "at least one train, got 3 of 0" in complaint(lambda: episode(**no_train))[1]
-    no_step = no_train | {
-        "rewards": np.zeros((0, 2), np.float32),
-        "arrived_at": np.full(2, -1, np.int32),
-        "final_observations": np.zeros((2, 2), np.float32),
-        "states": np.zeros((2, 0), np.float32),
-    }
-    assert "at least one train, got 0 of 2" in complaint(lambda: episode(**no_step))[1]
+    assert (
+        "at least one train, got 3 of 0" in complaint(lambda: course_of(np.zeros((3, 0)), [], decisions_of([], 2)))[1]
+    )
+    assert (
+        "at least one train, got 0 of 2"
+        in complaint(lambda: course_of(np.zeros((0, 2)), [-1, -1], decisions_of([], 2)))[1]
+    )
+
+
+def test_decisions_are_picked_and_joined_in_all_their_columns():
+    decisions = episode().course.decisions
+    parts = [decisions.chosen(slice(0, 1)), decisions.chosen(decisions.times > 0), decisions.chosen(slice(0, 0))]
+    assert [len(part) for part in parts] == [1, 2, 0]
+    joined = Decisions.joined(parts)
+    assert joined.actions.tolist() == [2, 0, 1]
+    assert digest_of(Decisions.joined([decisions])) == digest_of(decisions)
 
 
 @pytest.mark.parametrize(
@@ -129,7 +177,8 @@ def test_an_episode_needs_a_train_and_a_step():
         ("episode", 1.0),
         ("episode", "1"),
         ("episode", True),
-        ("level", "impossible"),
+        ("level", "no name"),
+        ("level", ""),
         ("level_hash", "0" * 31),
         ("level_hash", "G" * 32),
         ("level_hash", "0" * 32 + "\n"),
@@ -147,8 +196,15 @@ def test_a_wrong_scalar_is_refused_by_its_field(field, value):
     assert complaint(lambda: episode(**{field: value}))[0] == field
 
 
+def test_levels_have_any_name():
+    assert episode(level="rush.40x40").lease.level == "rush.40x40"
+
+
 def test_unknown_and_missing_fields_are_refused():
-    assert complaint(lambda: episode(colour="red"))[0] == "colour"
+    whole = episode()
+    for part in (whole, whole.lease, whole.course, whole.course.decisions):
+        fields = {name: getattr(part, name) for name in type(part).model_fields}
+        assert complaint(lambda part=part, fields=fields: type(part)(colour="red", **fields))[0] == "colour"
     assert complaint(
         lambda: Lease(episode=1, level="easy", level_seed=1, weights_version=1, steps=None, progressed=None)
     ) == (
@@ -159,11 +215,11 @@ def test_unknown_and_missing_fields_are_refused():
 
 def test_records_cannot_be_changed():
     with pytest.raises(ValidationError, match="frozen"):
-        episode().episode = 8
+        episode().lease.episode = 8
 
 
 def test_the_digest_is_pinned():
-    assert episode().digest == "5ea63f1a824ffad2c867bcbdb08b0d61"
+    assert episode().digest == "2282d617c521d0dd8726dded0c35236a"
 
 
 def test_the_digest_does_not_see_who_acted_nor_how_long():
@@ -171,27 +227,44 @@ def test_the_digest_does_not_see_who_acted_nor_how_long():
 
 
 def test_the_digest_does_not_see_how_an_array_lies_in_memory():
-    turned = np.asfortranarray(episode().observations)
+    turned = np.asfortranarray(episode().course.decisions.observations)
     assert not turned.flags.c_contiguous
     assert episode(observations=turned).digest == episode().digest
 
 
-@pytest.mark.parametrize("field", [name for name in Episode.model_fields if name not in CIRCUMSTANCES])
+FIELDS = [name for record in (Lease, Course, Decisions) for name in record.model_fields if name != "decisions"]
+
+
+@pytest.mark.parametrize("field", FIELDS)
 def test_the_digest_sees_every_other_field(field):
-    before = episode(fragment=1, first_step=1, max_steps=9, times=np.array([1, 1, 2, 3], np.int32))
-    changes = {"level": "hard", "level_hash": "1" * 32, "over": False, "states": np.zeros((2, 1), np.float32)}
-    value = getattr(before, field)
+    before = episode()
+    states = np.zeros((2, 1), np.float32)
+    changes = {
+        "level": "hard",
+        "level_hash": "1" * 32,
+        "over": False,
+        "states": states,
+        "epsilon": 0.25,
+        "steps": 3,
+        "score": 0.5,
+        "progressed": Progressed(fragment=1, first_step=1, actions=np.zeros(0, np.int8), states=states),
+    }
+    parts = {**dict(before.lease), **dict(before.course), **dict(before.course.decisions)}
+    value = parts[field]
     if field in changes:
         changed = changes[field]
-    elif field == "first_step":
-        changed = 0
     elif isinstance(value, np.ndarray):
         changed = value.copy()
         changed.flat[0] = 1 - changed.flat[0] if field in FLOATS else {0: 1, 1: 2, 2: 1}[int(changed.flat[0])]
     else:
         changed = value + 1
-    changes = {field: changed} | ({"fragment": 0} if field == "first_step" else {})
-    assert before.model_copy(update=changes).digest != before.digest
+    assert edited(before, **{field: changed}).digest != before.digest
+
+
+def test_the_digest_sees_which_record_a_field_is_in():
+    assert set(Fragment.model_fields) == {"lease", "course", "circumstances"}
+    before = episode()
+    assert digest_of(before.lease) != digest_of(before.course)
 
 
 def test_rows_speak_of_return_in_files_and_of_normalised_return_in_code():
@@ -215,6 +288,7 @@ def test_rows_speak_of_return_in_files_and_of_normalised_return_in_code():
     assert json.loads(text)["return"] == -0.25
     assert "normalised_return" not in text
     assert EpisodeRow.model_validate(json.loads(text)) == row
+    assert (row.learned_reward, row.score) == (None, None)  # as rows were before these were kept
     evaluated = {
         "episode": 1,
         "level": "easy",
@@ -240,10 +314,13 @@ def test_weights_take_float32_of_any_shape_and_nothing_else():
     assert complaint(lambda: Weights(version=1, tensors={1: np.zeros(1, np.float32)}))[0].startswith("tensors.1")
 
 
-def test_counters_must_be_finite():
-    beat = {"process": "learner", "role": "learner", "pid": 1, "state": "training"}
-    assert Heartbeat(**beat, counters={"done": 1.0}).counters == {"done": 1.0}
-    assert complaint(lambda: Heartbeat(**beat, counters={"done": float("nan")}))[0] == "counters.done"
+def test_a_heartbeat_carries_the_report_of_its_role():
+    beat = {"process": "actor-easy-0", "role": "actor", "pid": 1, "state": "acting"}
+    assert Heartbeat(**beat, report=None).report is None
+    assert Heartbeat(**beat, report=ActorReport(acted=3, kept=1)).report.acted == 3
+    text = complaint(lambda: Heartbeat(**beat, report=EvaluatorReport(evaluations=1)))[1]
+    assert text == "Value error, report: role actor sends no EvaluatorReport"
+    assert complaint(lambda: ActorReport(acted=3, kept=-1))[0] == "kept"
 
 
 def test_lists_and_bytes_are_bounded():
@@ -252,4 +329,4 @@ def test_lists_and_bytes_are_bounded():
     assert complaint(lambda: CheckpointNotice(episodes=[*episodes, 1], finished=False))[0] == "episodes"
     assert complaint(lambda: CheckpointFile(episode=1, content="text"))[0] == "content"
     assert complaint(lambda: ScaleRequest(actors={"easy": 257}))[0] == "actors.easy"
-    assert complaint(lambda: ScaleRequest(actors={"esy": 1}))[0].startswith("actors.esy")
+    assert complaint(lambda: ScaleRequest(actors={"e y": 1}))[0].startswith("actors.e y")

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.records import EpisodeRow
+from common.records.rows import EpisodeRow
 from common.rows import DamagedRows, RowFile, read_rows
 
 

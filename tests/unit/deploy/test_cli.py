@@ -14,7 +14,8 @@ from common import checkpoint
 from common.bus import open_bus, open_router
 from common.folder import RunFolder
 from common.locks import sole
-from common.records import CommandAnswer, EpisodeRow, EpisodeRows, EvaluationRows, ProcessStatus, Status
+from common.records.control import CommandAnswer, ProcessStatus, Status
+from common.records.rows import EpisodeRow, EpisodeRows, EvaluationRows
 from common.rows import RowFile
 from common.wire import keys
 from deploy.cli import app

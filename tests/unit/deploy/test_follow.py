@@ -8,7 +8,7 @@ import pytest
 from common.bus import NoAnswer
 from common.folder import RunFolder
 from common.locks import sole
-from common.records import EpisodeRow, EpisodeRows, EvaluationRow, EvaluationRows
+from common.records.rows import EpisodeRow, EpisodeRows, EvaluationRow, EvaluationRows
 from common.rows import RowFile
 from common.wire import keys
 from deploy.follow import Rows, outcome_of, rows_from_files, status_from_files, wait_until

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from common.folder import RunFolder
-from common.records import Heartbeat, Status
+from common.records.control import Status
+from common.records.heartbeats import EvaluatorReport, Heartbeat, LearnerReport
 from common.wire.codec import decode, encode, encoding_of
 from deploy.overview import overview, progress_of, run_is_complete
 from deploy.plan import cluster
@@ -14,30 +15,33 @@ from deploy.resolve import resolve
 from deploy.supervisor import Beat, Exited, Limits, StopAsked, Supervisor, Tick, Wanted
 
 CONFIG = resolve({"mix": {"easy": 0.5, "hard": 0.5}, "episodes": 100, "evaluation": {"every_episodes": 50}})
-COUNTERS = {
-    "done": 40.0,
-    "version": 41.0,
-    "leased": 1.0,
-    "snapshot": 30.0,
-    "checkpoints": 2.0,
-    "episodes_per_s": 2.0,
-    "steps_per_s": 100.0,
-    "refused": 0.0,
-    "duplicates": 3.0,
-    "reissued": 4.0,
-}
+LEARNER = LearnerReport(
+    done=40,
+    leased=1,
+    waiting={},
+    weights_version=41,
+    snapshot=30,
+    checkpoints=2,
+    return_last_100=None,
+    episodes_per_s=2.0,
+    steps_per_s=100.0,
+    refused=0,
+    duplicates=3,
+    reissued=4,
+    exact_until=None,
+)
 PIDS = {"router": 10, "learner": 11, "evaluator": 12, "actor-easy-0": 13, "actor-hard-0": 14}
 
 
-def beat(process, state="training", **counters):
+def beat(process, state="training", report=None):
     role = process.partition("-")[0]
-    return Heartbeat(process=process, role=role, pid=PIDS.get(process, 1), state=state, counters=counters), 1000.0
+    return Heartbeat(process=process, role=role, pid=PIDS.get(process, 1), state=state, report=report), 1000.0
 
 
-def beats(learner_state="training", evaluations=4.0, **counters):
+def beats(learner_state="training", evaluations=4, **changes):
     return {
-        "learner": beat("learner", learner_state, **COUNTERS | counters),
-        "evaluator": beat("evaluator", "evaluating", evaluations=evaluations),
+        "learner": beat("learner", learner_state, LEARNER.model_copy(update=changes)),
+        "evaluator": beat("evaluator", "evaluating", EvaluatorReport(evaluations=evaluations)),
     }
 
 
@@ -76,7 +80,9 @@ def test_the_whole_picture():
     assert [p.last_heartbeat_unix_s for p in found.processes] == [None, 1000.0, 1000.0, None, None]
 
 
-@pytest.mark.parametrize("said", [{}, {"evaluator": beat("evaluator", evaluations=1.0)}, {"learner": beat("learner")}])
+@pytest.mark.parametrize(
+    "said", [{}, {"evaluator": beat("evaluator", report=EvaluatorReport(evaluations=1))}, {"learner": beat("learner")}]
+)
 def test_before_the_learners_first_word_there_is_no_progress(said):
     found = status(said=said)
     assert (found.state, found.progress, found.time_left_s) == ("starting", None, None)
@@ -89,8 +95,8 @@ def test_before_the_learners_first_word_there_is_no_progress(said):
     [
         (beats(), "running"),
         (beats("paused"), "paused"),
-        (beats("finished", done=100.0), "finishing"),
-        (beats("paused", done=100.0), "finishing"),
+        (beats("finished", done=100), "finishing"),
+        (beats("paused", done=100), "finishing"),
     ],
 )
 def test_the_state_is_what_the_learner_tells(said, state):
@@ -106,7 +112,7 @@ def test_a_stopping_run_says_so_whatever_the_learner_tells():
 
 def test_time_left_needs_a_speed():
     assert status(said=beats(episodes_per_s=0.0)).time_left_s is None
-    assert status(said=beats(done=100.0)).time_left_s == 0.0
+    assert status(said=beats(done=100)).time_left_s == 0.0
 
 
 def test_returns_are_told_as_they_are():
@@ -114,7 +120,7 @@ def test_returns_are_told_as_they_are():
 
 
 def test_waiting_episodes_are_told_and_a_concern_if_nobody_serves_them():
-    said = beats(**{"waiting.easy": 1.0, "waiting.hard": 2.0})
+    said = beats(waiting={"easy": 1, "hard": 2})
     found = status(said=said)
     assert found.progress.waiting == {"easy": 1, "hard": 2}
     assert found.problems == []
@@ -129,13 +135,13 @@ def test_waiting_episodes_are_told_and_a_concern_if_nobody_serves_them():
 
 
 def test_refused_messages_are_a_concern():
-    assert status(said=beats(refused=5.0)).problems == [
+    assert status(said=beats(refused=5)).problems == [
         "5 messages were refused: railctl logs RUN learner says why",
     ]
 
 
 def test_the_end_of_exactness_is_a_concern():
-    assert status(said=beats(exact_until=30.0)).problems == [
+    assert status(said=beats(exact_until=30)).problems == [
         "resumed at episode 30 on another processor or torch: exactness ends there",
     ]
 
@@ -162,7 +168,7 @@ def test_a_process_that_does_not_run_is_not_said_to_do_what_it_did_last():
 def test_many_and_long_problems_still_travel():
     mind = running()
     mind.problems = ["x" * 10_000] * 100
-    said = beats(refused=5.0, exact_until=1.0, **{"waiting.easy": 1.0, "waiting.hard": 1.0})
+    said = beats(refused=5, exact_until=1, waiting={"easy": 1, "hard": 1})
     found = status(mind, said)
     assert len(found.problems) <= 100
     assert found.problems[-1].startswith("resumed at episode 1")
@@ -170,13 +176,13 @@ def test_many_and_long_problems_still_travel():
 
 @pytest.mark.parametrize(
     ("done", "evaluations", "complete"),
-    [(100.0, 4.0, True), (100.0, 3.0, False), (99.0, 4.0, False), (100.0, 5.0, True)],
+    [(100, 4, True), (100, 3, False), (99, 4, False), (100, 5, True)],
 )
 def test_a_run_is_complete_when_all_is_trained_and_evaluated(done, evaluations, complete):
     assert run_is_complete(CONFIG, beats(done=done, evaluations=evaluations)) is complete
 
 
 def test_a_run_without_an_evaluators_word_is_not_complete():
-    said = beats(done=100.0)
+    said = beats(done=100)
     del said["evaluator"]
     assert not run_is_complete(CONFIG, said)

@@ -5,7 +5,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.config import DIFFICULTIES
+from common.levels.distributions import shipped
 from common.strict import ConfigError
 from deploy.resolve import (
     algorithms,
@@ -32,7 +32,7 @@ def complaint(call, *arguments):
 
 
 @pytest.mark.parametrize("algorithm", algorithms())
-@pytest.mark.parametrize("level", DIFFICULTIES)
+@pytest.mark.parametrize("level", [*shipped()])
 def test_every_preset_makes_a_run_of_every_level(algorithm, level):
     config = resolve({"algorithm": algorithm, "level": level})
     assert (config.algorithm, config.mix) == (algorithm, {level: 1.0})

@@ -5,7 +5,8 @@ import time
 import pytest
 from rich.console import Console
 
-from common.records import EpisodeRow, EvaluationRow, ProcessStatus, Progress, Status
+from common.records.control import ProcessStatus, Progress, Status
+from common.records.rows import EpisodeRow, EvaluationRow
 from deploy.show import duration, evaluation_table, number, process_table, progress_line, row_line, summary, view
 
 

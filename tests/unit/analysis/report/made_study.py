@@ -7,7 +7,7 @@ import yaml
 
 from analysis.study import PlannedRun, Study, StudyFolder, planned_runs
 from common.folder import RunFolder
-from common.records import EpisodeRow, EvaluationRow
+from common.records.rows import EpisodeRow, EvaluationRow
 from deploy.launch import save_config
 from deploy.resolve import resolve
 

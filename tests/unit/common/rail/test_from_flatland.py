@@ -1,14 +1,14 @@
-"""Environments of flatland-rl as levels and traffic; what the compiled world does not know is refused."""
+"""Environments of flatland-rl as levels; what the compiled world does not know is refused."""
 
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
-import numpy as np
 import pytest
 
 from common.levels.shipped import generate
 from common.rail.flatland_env import LevelEnv
-from common.rail.from_flatland import UnsupportedEnvironmentError, level_of, traffic_of
+from common.rail.from_flatland import UnsupportedEnvironmentError, level_of
 from tools.bench.world import MALFUNCTIONS, environment
 
 LEVEL = generate("medium", 1)
@@ -22,30 +22,18 @@ def reset_env(*, disturbed: bool) -> Any:
 
 def test_a_level_comes_back():
     level = level_of(reset_env(disturbed=False))
-    assert level.content_hash == LEVEL.content_hash
-    traffic = traffic_of(reset_env(disturbed=False))
-    assert traffic.is_plain
-    assert traffic.speeds == [1] * 5
+    assert replace(level, schedule=None).content_hash == LEVEL.content_hash
+    assert level.schedule.speeds.tolist() == [[1, 1]] * 5
+    assert level.schedule.malfunctions is None
 
 
 def test_speeds_and_malfunctions_come_along_and_nothing_is_drawn():
     env = reset_env(disturbed=True)
     before = env.np_random.get_state()[2]
-    traffic = traffic_of(env)
-    assert traffic.speeds == [1, Fraction(1, 2), Fraction(1, 3), Fraction(1, 4), 1]
-    assert traffic.malfunctions is not None
-    assert (traffic.malfunctions.shortest, traffic.malfunctions.longest) == MALFUNCTIONS[1:]
+    schedule = level_of(env).schedule
+    assert schedule.speeds.tolist() == [[1, 1], [1, 2], [1, 3], [1, 4], [1, 1]]
+    assert schedule.malfunctions == MALFUNCTIONS
     assert env.np_random.get_state()[2] == before
-
-
-def test_malfunctions_go_on_where_an_environment_stands():
-    env = reset_env(disturbed=True)
-    fresh = traffic_of(env).malfunctions
-    for _ in range(3):
-        env.step({})
-    later = traffic_of(env).malfunctions
-    assert (fresh.draw, later.draw) == (0, 15)
-    np.testing.assert_array_equal(fresh.broken, later.broken)
 
 
 @pytest.mark.parametrize(
@@ -68,4 +56,4 @@ def test_what_is_not_known_is_refused(change: Any, message: str):
 def test_other_effects_are_refused():
     env = LevelEnv(LEVEL)
     with pytest.raises(UnsupportedEnvironmentError, match="effects of _StartReady"):
-        traffic_of(env)
+        level_of(env)

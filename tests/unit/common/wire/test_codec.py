@@ -10,12 +10,12 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
+from made_episodes import answer_to, lease_of
 from msgpack import ExtType, Timestamp
 from msgpack._cmsgpack import Packer
 
-from common import records
-from common.config import DIFFICULTIES
-from common.records import Record
+from common.records import acting, checkpoints, control, course, heartbeats, rows
+from common.records.base import Record
 from common.wire import codec, keys
 from common.wire.codec import Refused, decode, encode, encoding_of
 from common.wire.keys import Service, Topic
@@ -27,8 +27,8 @@ SPANS = st.floats(0, 1e300)
 NAMES = st.text("abcXYZ019_.-", min_size=1, max_size=64)
 TEXTS = st.text(st.characters(codec="utf-8"), max_size=30)
 DIGESTS = st.text("0123456789abcdef", min_size=32, max_size=32)
-LEVELS = st.sampled_from(DIFFICULTIES)
-SERVES = st.sampled_from([*DIFFICULTIES, "any"])
+LEVELS = st.sampled_from(["easy", "rush.40x40", "M-1_2"])
+SERVES = LEVELS | st.just("any")
 KEPT = st.lists(COUNTS, max_size=5)
 UNITS = npst.arrays(np.int64, st.tuples(st.integers(0, 5), st.just(2)))
 REALS32 = st.floats(width=32, allow_nan=False, allow_infinity=False)
@@ -53,60 +53,66 @@ def laid_out(draw, shape, elements=REALS32):
 
 
 @st.composite
-def episodes(draw):
+def leases(draw, fragment, first_step, states, steps):
+    """Of a fragment that begins after `first_step` and has `steps`."""
+    progressed = acting.Progressed(
+        fragment=max(1, fragment),
+        first_step=max(1, first_step),
+        actions=draw(npst.arrays(np.int8, st.integers(0, 4))),
+        states=states,
+    )
+    return acting.Lease(
+        episode=draw(COUNTS),
+        level=draw(LEVELS),
+        level_seed=draw(COUNTS),
+        weights_version=draw(COUNTS),
+        epsilon=draw(SHARES),
+        steps=steps,
+        progressed=progressed if fragment else None,
+    )
+
+
+@st.composite
+def fragments(draw):
     steps, trains = draw(st.integers(1, 6)), draw(st.integers(1, 4))
-    decisions, features = draw(st.integers(0, 5)), draw(st.integers(0, 4))
-    first = draw(st.integers(0, 3))
+    count, features = draw(st.integers(0, 5)), draw(st.integers(0, 40))
+    first, over = draw(st.integers(0, 3)), draw(st.booleans())
+    states = draw(laid_out((trains, draw(st.integers(0, 3)))))
 
     def whole(dtype, size, low, high):
         return draw(npst.arrays(dtype, size, elements=st.integers(low, high)))
 
-    return records.Episode(
-        episode=draw(COUNTS),
-        fragment=int(first > 0),
-        first_step=first,
-        over=draw(st.booleans()),
-        level=draw(LEVELS),
-        level_seed=draw(COUNTS),
+    decisions = course.Decisions(
+        observations=draw(laid_out((count, features), st.sampled_from([0.0, 0.0, 0.0, 0.0, -0.0, -1.0, 0.5]))),
+        times=whole(np.int32, count, first, first + steps - 1),
+        trains=whole(np.int32, count, 0, trains - 1),
+        actions=whole(np.int8, count, 0, 4),
+        log_probabilities=draw(laid_out((count,))),
+        values=draw(laid_out((count,))),
+    )
+    happened = course.Course(
         level_hash=draw(DIGESTS),
-        weights_version=draw(COUNTS),
-        actor=draw(NAMES),
-        acting_s=draw(SPANS),
-        waited_s=draw(SPANS),
         max_steps=draw(st.integers(first + steps, 100_000)),
-        observations=draw(laid_out((decisions, features))),
-        times=whole(np.int32, decisions, first, first + steps - 1),
-        trains=whole(np.int32, decisions, 0, trains - 1),
-        actions=whole(np.int8, decisions, 0, 4),
-        log_probabilities=draw(laid_out((decisions,))),
-        values=draw(laid_out((decisions,))),
+        first_step=first,
+        over=over,
+        decisions=decisions,
         rewards=draw(laid_out((steps, trains))),
         arrived_at=whole(np.int32, trains, -1, first + steps - 1),
-        final_observations=draw(laid_out((trains, features))),
-        states=draw(laid_out((trains, draw(st.integers(0, 3))))),
+        final_observations=draw(laid_out((trains, features), st.sampled_from([0.0, 0.0, -1.0]))),
+        states=states,
+        score=draw(optional(FLOATS)) if over else None,
+    )
+    lease = draw(leases(int(first > 0), first, states, steps + draw(st.integers(0, 3)) if over else steps))
+    return acting.Fragment(
+        lease=lease,
+        course=happened,
+        circumstances=acting.Circumstances(actor=draw(NAMES), acting_s=draw(SPANS), waited_s=draw(SPANS)),
     )
 
 
-LEASES = st.builds(
-    records.Lease,
-    episode=COUNTS,
-    level=LEVELS,
-    level_seed=COUNTS,
-    weights_version=COUNTS,
-    epsilon=SHARES,
-    steps=optional(st.integers(1, 2**53)),
-    progressed=optional(
-        st.builds(
-            records.Progressed,
-            fragment=st.integers(1, 2**53),
-            first_step=st.integers(1, 2**53),
-            actions=npst.arrays(np.int8, st.integers(0, 4)),
-            states=laid_out((2, 3)),
-        )
-    ),
-)
+LEASES = st.integers(0, 3).flatmap(lambda number: leases(number, number, np.zeros((2, 3), np.float32), None))
 EPISODE_ROWS = st.builds(
-    records.EpisodeRow,
+    rows.EpisodeRow,
     episode=COUNTS,
     level=LEVELS,
     seed=COUNTS,
@@ -121,9 +127,11 @@ EPISODE_ROWS = st.builds(
     actor=NAMES,
     acting_s=FLOATS,
     trained_unix_s=FLOATS,
+    learned_reward=optional(FLOATS),
+    score=optional(FLOATS),
 )
 EVALUATION_ROWS = st.builds(
-    records.EvaluationRow,
+    rows.EvaluationRow,
     episode=COUNTS,
     level=LEVELS,
     mode=st.sampled_from(["greedy", "sample"]),
@@ -135,10 +143,11 @@ EVALUATION_ROWS = st.builds(
     weights_digest=DIGESTS,
     evaluated_unix_s=FLOATS,
     evaluating_s=FLOATS,
+    score=optional(FLOATS),
 )
 ROLES = st.sampled_from(["router", "learner", "actor", "evaluator"])
 PROGRESS = st.builds(
-    records.Progress,
+    control.Progress,
     done=COUNTS,
     leased=COUNTS,
     waiting=st.dictionaries(LEVELS, COUNTS),
@@ -154,7 +163,7 @@ PROGRESS = st.builds(
     reissued=COUNTS,
 )
 PROCESSES = st.builds(
-    records.ProcessStatus,
+    control.ProcessStatus,
     process=NAMES,
     role=ROLES,
     difficulty=optional(SERVES),
@@ -164,7 +173,7 @@ PROCESSES = st.builds(
     last_heartbeat_unix_s=optional(FLOATS),
 )
 STATUSES = st.builds(
-    records.Status,
+    control.Status,
     run=TEXTS,
     path=TEXTS,
     state=st.sampled_from(["starting", "running", "paused", "stopped", "failed"]),
@@ -176,42 +185,63 @@ STATUSES = st.builds(
     problems=st.lists(TEXTS, max_size=3),
     processes=st.lists(PROCESSES, max_size=3),
 )
+REPORTS = {
+    "learner": st.builds(
+        heartbeats.LearnerReport,
+        done=COUNTS,
+        leased=COUNTS,
+        waiting=st.dictionaries(LEVELS, COUNTS),
+        weights_version=COUNTS,
+        snapshot=COUNTS,
+        checkpoints=COUNTS,
+        return_last_100=optional(FLOATS),
+        episodes_per_s=FLOATS,
+        steps_per_s=FLOATS,
+        refused=COUNTS,
+        duplicates=COUNTS,
+        reissued=COUNTS,
+        exact_until=optional(COUNTS),
+    ),
+    "actor": st.builds(heartbeats.ActorReport, acted=COUNTS, kept=COUNTS),
+    "evaluator": st.builds(heartbeats.EvaluatorReport, evaluations=COUNTS),
+    "router": st.none(),
+}
+
+
+def beats(role):
+    report = optional(REPORTS[role])
+    return st.builds(heartbeats.Heartbeat, process=NAMES, role=st.just(role), pid=COUNTS, state=TEXTS, report=report)
+
+
 SHAPES = npst.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4)
 MESSAGES = {
-    records.Episode: episodes(),
-    records.EpisodeRow: EPISODE_ROWS,
-    records.EvaluationRow: EVALUATION_ROWS,
-    records.Weights: st.builds(
-        records.Weights, version=COUNTS, tensors=st.dictionaries(TEXTS, SHAPES.flatmap(laid_out), max_size=3)
+    acting.Fragment: fragments(),
+    rows.EpisodeRow: EPISODE_ROWS,
+    rows.EvaluationRow: EVALUATION_ROWS,
+    acting.Weights: st.builds(
+        acting.Weights, version=COUNTS, tensors=st.dictionaries(TEXTS, SHAPES.flatmap(laid_out), max_size=3)
     ),
-    records.WeightsRequest: st.builds(records.WeightsRequest, version=COUNTS),
-    records.LeaseRequest: st.builds(records.LeaseRequest, actor=NAMES, incarnation=NAMES, serves=SERVES, kept=UNITS),
-    records.LeaseAnswer: st.builds(
-        records.LeaseAnswer, lease=optional(LEASES), safe_before=COUNTS, missing=UNITS, finished=st.booleans()
+    acting.WeightsRequest: st.builds(acting.WeightsRequest, version=COUNTS),
+    acting.LeaseRequest: st.builds(acting.LeaseRequest, actor=NAMES, incarnation=NAMES, serves=SERVES, kept=UNITS),
+    acting.LeaseAnswer: st.builds(
+        acting.LeaseAnswer, lease=optional(LEASES), safe_before=COUNTS, missing=UNITS, finished=st.booleans()
     ),
-    records.HistoryRequest: st.builds(records.HistoryRequest, first=COUNTS),
-    records.EpisodeRows: st.builds(records.EpisodeRows, rows=st.lists(EPISODE_ROWS, max_size=2), total=COUNTS),
-    records.EvaluationRows: st.builds(records.EvaluationRows, rows=st.lists(EVALUATION_ROWS, max_size=2), total=COUNTS),
-    records.CheckpointNotice: st.builds(records.CheckpointNotice, episodes=KEPT, finished=st.booleans()),
-    records.CheckpointRequest: st.builds(records.CheckpointRequest, episode=COUNTS),
-    records.CheckpointFile: st.builds(records.CheckpointFile, episode=COUNTS, content=st.binary(max_size=30)),
-    records.Empty: st.builds(records.Empty),
-    records.LearnerCommand: st.builds(records.LearnerCommand, verb=st.sampled_from(["pause", "resume", "checkpoint"])),
-    records.ScaleRequest: st.builds(records.ScaleRequest, actors=st.dictionaries(SERVES, st.integers(0, 256))),
-    records.CommandAnswer: st.builds(records.CommandAnswer, done=st.booleans(), text=TEXTS),
-    records.Heartbeat: st.builds(
-        records.Heartbeat,
-        process=NAMES,
-        role=ROLES,
-        pid=COUNTS,
-        state=TEXTS,
-        counters=st.dictionaries(TEXTS, FLOATS, max_size=3),
-    ),
-    records.Status: STATUSES,
+    rows.HistoryRequest: st.builds(rows.HistoryRequest, first=COUNTS),
+    rows.EpisodeRows: st.builds(rows.EpisodeRows, rows=st.lists(EPISODE_ROWS, max_size=2), total=COUNTS),
+    rows.EvaluationRows: st.builds(rows.EvaluationRows, rows=st.lists(EVALUATION_ROWS, max_size=2), total=COUNTS),
+    checkpoints.CheckpointNotice: st.builds(checkpoints.CheckpointNotice, episodes=KEPT, finished=st.booleans()),
+    checkpoints.CheckpointRequest: st.builds(checkpoints.CheckpointRequest, episode=COUNTS),
+    checkpoints.CheckpointFile: st.builds(checkpoints.CheckpointFile, episode=COUNTS, content=st.binary(max_size=30)),
+    control.Empty: st.builds(control.Empty),
+    control.LearnerCommand: st.builds(control.LearnerCommand, verb=st.sampled_from(["pause", "resume", "checkpoint"])),
+    control.ScaleRequest: st.builds(control.ScaleRequest, actors=st.dictionaries(SERVES, st.integers(0, 256))),
+    control.CommandAnswer: st.builds(control.CommandAnswer, done=st.booleans(), text=TEXTS),
+    heartbeats.Heartbeat: st.sampled_from(["learner", "actor", "evaluator", "router"]).flatmap(beats),
+    control.Status: STATUSES,
 }
 RECORD_TYPES = pytest.mark.parametrize("record_type", MESSAGES, ids=lambda record_type: record_type.__name__)
 
-LEASE = records.Lease(
+LEASE = acting.Lease(
     episode=3, level="hard", level_seed=2**31 - 1, weights_version=2, epsilon=0.25, steps=30, progressed=None
 )
 LEASE_BODY = {
@@ -223,7 +253,7 @@ LEASE_BODY = {
     "steps": 30,
     "progressed": None,
 }
-WEIGHTS = records.Weights(version=1, tensors={"b": np.array([[1.0], [-2.5]], np.float32)})
+WEIGHTS = acting.Weights(version=1, tensors={"b": np.array([[1.0], [-2.5]], np.float32)})
 LEASE_HEX = (
     "87a7657069736f646503a56c6576656ca468617264aa6c6576656c5f73656564ce7fffffff"
     "af776569676874735f76657273696f6e02a7657073696c6f6ecb3fd0000000000000"
@@ -248,7 +278,7 @@ def refusal(record_type, body, encoding=None):
 
 
 def weights_refusal(tensor):
-    return refusal(records.Weights, pack({"version": 1, "tensors": {"w": tensor}}))
+    return refusal(acting.Weights, pack({"version": 1, "tensors": {"w": tensor}}))
 
 
 def same(ours, theirs):
@@ -290,7 +320,7 @@ def test_a_message_comes_back_as_it_was(record_type):
 
 
 def test_arrays_come_back_writable_and_owning_their_memory():
-    tensor = decode(records.Weights, encoding_of(records.Weights), encode(WEIGHTS)).tensors["b"]
+    tensor = decode(acting.Weights, encoding_of(acting.Weights), encode(WEIGHTS)).tensors["b"]
     assert tensor.flags.writeable
     tensor += 1
     assert tensor.tolist() == [[2.0], [-1.5]]
@@ -299,27 +329,27 @@ def test_arrays_come_back_writable_and_owning_their_memory():
 def test_the_bytes_of_messages_are_pinned():
     assert encode(LEASE).hex() == LEASE_HEX
     assert encode(WEIGHTS).hex() == WEIGHTS_HEX
-    assert encoding_of(records.Lease) == "application/msgpack;railctl.Lease.2"
+    assert encoding_of(acting.Lease) == "application/msgpack;railctl.Lease.3"
 
 
 def test_pinned_bytes_are_still_understood():
-    assert decode(records.Lease, encoding_of(records.Lease), bytes.fromhex(LEASE_HEX)) == LEASE
-    back = decode(records.Weights, encoding_of(records.Weights), bytes.fromhex(WEIGHTS_HEX))
+    assert decode(acting.Lease, encoding_of(acting.Lease), bytes.fromhex(LEASE_HEX)) == LEASE
+    back = decode(acting.Weights, encoding_of(acting.Weights), bytes.fromhex(WEIGHTS_HEX))
     assert same(back, WEIGHTS)
 
 
 def test_another_version_is_refused_by_name_before_the_body_is_looked_at():
-    text = refusal(records.Lease, b"\xc1", "application/msgpack;railctl.Lease.3")
+    text = refusal(acting.Lease, b"\xc1", "application/msgpack;railctl.Lease.2")
     assert text == (
-        "schema is 'application/msgpack;railctl.Lease.3', this process speaks 'application/msgpack;railctl.Lease.2'"
+        "schema is 'application/msgpack;railctl.Lease.2', this process speaks 'application/msgpack;railctl.Lease.3'"
     )
 
 
 @pytest.mark.parametrize("encoding", ["", "zenoh/bytes", "application/msgpack;railctl.Episode.1", "x" * 10_000])
 def test_another_schema_is_refused_by_name(encoding):
-    text = refusal(records.Lease, encode(LEASE), encoding)
+    text = refusal(acting.Lease, encode(LEASE), encoding)
     assert encoding[:100] in text
-    assert "railctl.Lease.2" in text
+    assert "railctl.Lease.3" in text
     assert len(text) < 300
 
 
@@ -333,7 +363,7 @@ def test_another_schema_is_refused_by_name(encoding):
         ({"episode": True}, "Lease: episode: Input should be a valid integer"),
         ({"episode": None}, "Lease: episode: Input should be a valid integer"),
         ({"episode": 2**64 - 1}, "Lease: episode: Input should be less than 9007199254740992"),
-        ({"level": b"hard"}, "Lease: level: Input should be 'easy', 'medium' or 'hard'"),
+        ({"level": b"hard"}, "Lease: level: Input should be a valid string"),
         ({"epsilon": float("nan")}, "Lease: epsilon: Input should be a finite number"),
         ({"epsilon": float("inf")}, "Lease: epsilon: Input should be a finite number"),
         ({"epsilon": -float("inf")}, "Lease: epsilon: Input should be a finite number"),
@@ -343,18 +373,18 @@ def test_another_schema_is_refused_by_name(encoding):
     ],
 )
 def test_a_wrong_field_is_refused_by_name(changes, text):
-    assert refusal(records.Lease, pack(LEASE_BODY | changes)) == text
+    assert refusal(acting.Lease, pack(LEASE_BODY | changes)) == text
 
 
 @pytest.mark.parametrize("field", LEASE_BODY)
 def test_a_missing_field_is_refused_by_name(field):
     body = {name: value for name, value in LEASE_BODY.items() if name != field}
-    assert refusal(records.Lease, pack(body)) == f"Lease: {field}: Field required"
+    assert refusal(acting.Lease, pack(body)) == f"Lease: {field}: Field required"
 
 
 @pytest.mark.parametrize("plain", [None, 5, "text", b"bytes", [], [LEASE_BODY], True])
 def test_what_is_no_mapping_is_refused(plain):
-    assert refusal(records.Lease, pack(plain)).startswith("Lease: ")
+    assert refusal(acting.Lease, pack(plain)).startswith("Lease: ")
 
 
 @pytest.mark.parametrize(
@@ -372,7 +402,7 @@ def test_what_is_no_mapping_is_refused(plain):
     ],
 )
 def test_what_is_no_msgpack_is_refused(body, kind):
-    assert refusal(records.Empty, body).startswith(f"Empty: not a message: {kind}: ")
+    assert refusal(control.Empty, body).startswith(f"Empty: not a message: {kind}: ")
 
 
 @RECORD_TYPES
@@ -388,7 +418,7 @@ def test_a_message_that_is_cut_off_is_refused(record_type):
     is_refused()
 
 
-@pytest.mark.parametrize("record_type", [records.Episode, records.Weights, records.Status, records.Empty])
+@pytest.mark.parametrize("record_type", [acting.Fragment, acting.Weights, control.Status, control.Empty])
 @settings(deadline=None, max_examples=150)
 @given(body=st.binary(max_size=200))
 @example(body=b"\x80")
@@ -397,11 +427,11 @@ def test_random_bytes_are_refused_and_nothing_else_happens(record_type, body):
         taken = decode(record_type, encoding_of(record_type), body)
     except Refused:
         return
-    assert record_type is records.Empty
-    assert same(taken, records.Empty())
+    assert record_type is control.Empty
+    assert same(taken, control.Empty())
 
 
-@pytest.mark.parametrize("record_type", [records.Episode, records.LeaseAnswer, records.Weights, records.Status])
+@pytest.mark.parametrize("record_type", [acting.Fragment, acting.LeaseAnswer, acting.Weights, control.Status])
 def test_flipped_bytes_are_refused_or_give_another_valid_message(record_type):
     @settings(deadline=None, max_examples=60)
     @given(MESSAGES[record_type], st.data())
@@ -431,9 +461,16 @@ PLAIN = st.recursive(
 )
 ARRAY_DTYPE_LIKE = st.sampled_from([*sorted(codec.ARRAY_DTYPES), ">f4", "<f2", "|O", "<U4", "|V4", "f4", ""]) | PLAIN
 SHAPE_LIKE = st.lists(st.integers(-1, 2**33), max_size=10) | st.lists(st.integers(0, 3), max_size=3) | PLAIN
-EXTENSIONS = st.builds(ExtType, st.integers(0, 127), st.binary(max_size=12)) | st.builds(
-    lambda parts: ExtType(codec.ARRAY_TYPE, pack(parts)),
-    st.tuples(ARRAY_DTYPE_LIKE, SHAPE_LIKE, st.binary(max_size=16)) | PLAIN,
+EXTENSIONS = (
+    st.builds(ExtType, st.integers(0, 127), st.binary(max_size=12))
+    | st.builds(
+        lambda parts: ExtType(codec.SPARSE_TYPE, pack(parts)),
+        st.tuples(SHAPE_LIKE, st.binary(max_size=3) | PLAIN, st.binary(max_size=16)) | PLAIN,
+    )
+    | st.builds(
+        lambda parts: ExtType(codec.ARRAY_TYPE, pack(parts)),
+        st.tuples(ARRAY_DTYPE_LIKE, SHAPE_LIKE, st.binary(max_size=16)) | PLAIN,
+    )
 )
 
 
@@ -444,7 +481,7 @@ EXTENSIONS = st.builds(ExtType, st.integers(0, 127), st.binary(max_size=12)) | s
 @example(tensor=array("<f4", [1], "abcd"))
 def test_what_pretends_to_be_an_array_is_refused_or_one(tensor):
     try:
-        taken = decode(records.Weights, encoding_of(records.Weights), pack({"version": 1, "tensors": {"w": tensor}}))
+        taken = decode(acting.Weights, encoding_of(acting.Weights), pack({"version": 1, "tensors": {"w": tensor}}))
     except Refused:
         return
     assert taken.tensors["w"].dtype == np.float32
@@ -454,7 +491,7 @@ def test_what_pretends_to_be_an_array_is_refused_or_one(tensor):
 @pytest.mark.parametrize(
     ("tensor", "reason"),
     [
-        (ExtType(2, b""), "unknown extension type 2"),
+        (ExtType(3, b""), "unknown extension type 3"),
         (array("|O", [1], b"\0" * 8), "array dtype '|O' is not taken"),
         (array(">f4"), "array dtype '>f4' is not taken"),
         (array("<U1"), "array dtype '<U1' is not taken"),
@@ -477,49 +514,95 @@ def test_what_pretends_to_be_an_array_is_refused_or_one(tensor):
 def test_an_array_is_taken_or_refused_by_what_is_wrong_with_it(tensor, reason):
     if reason is None:
         body = pack({"version": 1, "tensors": {"w": tensor}})
-        assert decode(records.Weights, encoding_of(records.Weights), body).tensors["w"].shape == ()
+        assert decode(acting.Weights, encoding_of(acting.Weights), body).tensors["w"].shape == ()
     else:
         assert weights_refusal(tensor) == reason
 
 
 def test_arrays_whose_lengths_disagree_are_refused():
-    body = {
-        "episode": 0,
-        "fragment": 0,
-        "first_step": 0,
-        "over": True,
-        "level": "easy",
-        "level_seed": 0,
-        "level_hash": "0" * 32,
-        "weights_version": 0,
-        "actor": "a",
-        "acting_s": 0.0,
-        "waited_s": 0.0,
-        "max_steps": 1,
-        "observations": array(shape=[1, 1]),
-        "times": array("<i4"),
-        "trains": array("<i4"),
-        "actions": array("|i1", raw=b"\0"),
-        "log_probabilities": array(),
-        "values": array(),
-        "rewards": array(shape=[1, 1]),
-        "arrived_at": array("<i4"),
-        "final_observations": array(shape=[1, 1]),
-        "states": array(shape=[1, 0], raw=b""),
-    }
-    assert decode(records.Episode, encoding_of(records.Episode), pack(body)).actor == "a"
-    body["times"] = array("<i4", [2], b"\0" * 8)
-    assert refusal(records.Episode, pack(body)) == (
-        "Episode: message: Value error, times: dimension D is 2 here and 1 before"
+    body = answer_to(lease_of(0)).model_dump()
+    assert decode(acting.Fragment, encoding_of(acting.Fragment), pack_arrays(body)).circumstances.actor == "a"
+    body["course"]["decisions"]["times"] = np.zeros(3, np.int32)
+    assert refusal(acting.Fragment, pack_arrays(body)) == (
+        "Fragment: course.decisions: Value error, times: dimension D is 3 here and 2 before"
     )
+    body = answer_to(lease_of(0)).model_dump()
+    body["course"]["final_observations"] = np.zeros((1, 2), np.float32)
+    assert refusal(acting.Fragment, pack_arrays(body)) == (
+        "Fragment: course: Value error, final_observations: dimension F is 2 here and 1 before"
+    )
+
+
+def test_a_report_of_another_role_is_refused():
+    body = {"process": "learner", "role": "learner", "pid": 1, "state": "training", "report": {"acted": 1, "kept": 2}}
+    assert refusal(heartbeats.Heartbeat, pack(body)) == (
+        "Heartbeat: message: Value error, report: role learner sends no ActorReport"
+    )
+    body["report"] = {"done": 1}
+    assert refusal(heartbeats.Heartbeat, pack(body)).endswith("leased: Field required")
+
+
+def pack_arrays(plain):
+    """As our encoder does, without its checks."""
+    return bytes(Packer(default=codec._pack_array).pack(plain))
+
+
+def sparse(shape=(16,), bits=b"\x80\x00", raw=b"\0\0\x80\x3f"):
+    return ExtType(codec.SPARSE_TYPE, pack([shape, bits, raw]))
+
+
+def mostly_zeros():
+    numbers = np.zeros((40, 50), np.float32)
+    numbers[3, 7], numbers[39, 49], numbers[0, 0] = -1.5, -0.0, np.float32(1e-45)
+    return numbers
+
+
+def test_what_is_mostly_zeros_travels_as_what_is_not_and_comes_back_to_the_bit():
+    sent = acting.Weights(version=1, tensors={"x": mostly_zeros()})
+    body = encode(sent)
+    assert len(body) < 2000 // 8 + 3 * 4 + 50
+    assert same(decode(acting.Weights, encoding_of(acting.Weights), body), sent)
+    dense = acting.Weights(version=1, tensors={"x": np.ones((40, 50), np.float32)})
+    assert len(encode(dense)) > 8000
+
+
+@pytest.mark.parametrize(
+    ("tensor", "reason"),
+    [
+        (sparse(), None),
+        (sparse(shape=[1, 9, 1]), None),
+        (sparse(shape=[17]), "sparse array of shape (17,) has a map of 2 bytes"),
+        (sparse(shape=[8]), "sparse array of shape (8,) has a map of 2 bytes"),
+        (sparse(shape=[-1]), "array shape [-1] is not taken"),
+        (sparse(bits=b"\x80\x01"), "sparse array of shape (16,) has 1 numbers that do not fit its map"),
+        (sparse(shape=[9], bits=b"\x00\x40"), "sparse array of shape (9,) has 1 numbers that do not fit its map"),
+        (sparse(raw=b"\0\0\0\0"), "sparse array of shape (16,) has 1 numbers that do not fit its map"),
+        (sparse(raw=b"\0\0\0"), "Weights: not a message: ValueError: buffer size must be a multiple of element size"),
+        (sparse(raw=np.float32("nan").tobytes()), "Weights: tensors.w: Value error, has non-finite numbers"),
+    ],
+)
+def test_a_sparse_array_is_taken_or_refused_by_what_is_wrong_with_it(tensor, reason):
+    if reason is not None:
+        assert weights_refusal(tensor) == reason
+        return
+    body = pack({"version": 1, "tensors": {"w": tensor}})
+    taken = decode(acting.Weights, encoding_of(acting.Weights), body).tensors["w"]
+    assert taken.reshape(-1)[0] == 1
+    assert np.count_nonzero(taken) == 1
+    assert taken.flags.writeable
+
+
+def test_a_small_message_cannot_fill_the_memory(monkeypatch):
+    monkeypatch.setattr(codec, "MAX_ARRAY_BYTES", 63)
+    assert weights_refusal(sparse()) == "sparse array of shape (16,) exceeds the limit of 63 bytes"
 
 
 def test_more_than_the_limit_is_neither_sent_nor_taken(monkeypatch):
     body = encode(LEASE)
     monkeypatch.setattr(codec, "MAX_MESSAGE_BYTES", len(body))
-    assert decode(records.Lease, encoding_of(records.Lease), encode(LEASE)) == LEASE
+    assert decode(acting.Lease, encoding_of(acting.Lease), encode(LEASE)) == LEASE
     monkeypatch.setattr(codec, "MAX_MESSAGE_BYTES", len(body) - 1)
-    assert refusal(records.Lease, body) == f"{len(body)} bytes exceed the limit of {len(body) - 1}"
+    assert refusal(acting.Lease, body) == f"{len(body)} bytes exceed the limit of {len(body) - 1}"
     with pytest.raises(ValueError, match=f"a Lease of {len(body)} bytes exceeds the limit of {len(body) - 1}"):
         encode(LEASE)
 
@@ -574,17 +657,17 @@ def test_the_patched_unpackb_runs_what_a_message_asks_it_to(patched, tmp_path):
     ],
 )
 def test_a_message_that_wants_to_be_unpickled_is_refused_and_not_run(patched, tmp_path, wrap):
-    refusal(records.Weights, pack(wrap(hostile(tmp_path / "ran"))))
+    refusal(acting.Weights, pack(wrap(hostile(tmp_path / "ran"))))
     assert not (tmp_path / "ran").exists()
 
 
 def test_flatland_changes_no_byte(patched):
     assert encode(LEASE).hex() == LEASE_HEX
     assert encode(WEIGHTS).hex() == WEIGHTS_HEX
-    back = decode(records.Weights, encoding_of(records.Weights), bytes.fromhex(WEIGHTS_HEX))
+    back = decode(acting.Weights, encoding_of(acting.Weights), bytes.fromhex(WEIGHTS_HEX))
     assert same(back, WEIGHTS)
 
 
 def test_a_refusal_is_short_whatever_the_message_names():
     body = pack(LEASE_BODY | {"x" * 1_000_000: 1})
-    assert len(refusal(records.Lease, body)) < 10_000
+    assert len(refusal(acting.Lease, body)) < 10_000

@@ -21,7 +21,7 @@ def test_the_channels_of_a_run_are_these():
         "command/scale",
         "command/status",
         "command/stop",
-        "episodes",
+        "fragments",
         "heartbeats",
         "history/episodes",
         "history/evaluations",

@@ -2,49 +2,35 @@
 
 import numpy as np
 import pytest
+from made_episodes import course_of, decisions_of
 
 from common.config import NetworkConfig
 from common.levels.supply import LevelSupply
 from common.policy.checkpoints import load_policy
 from common.policy.player import Acting, play, player
-from common.rail.play import Recording
 from services.evaluator.runner import UnplayableLevelError, evaluate, greedy, sampled
 
 LEVELS = [LevelSupply().evaluation("easy", index) for index in range(4)]
 
 
-def recording(level, rewards, arrived_at):
+def course(level, rewards, arrived_at, score=None):
     """An episode of three trains without any decisions."""
-    none = np.zeros(0, np.float32)
-    return Recording(
-        level=level,
-        first_step=0,
-        over=True,
-        observations=none,
-        times=none,
-        trains=none,
-        actions=none,
-        log_probabilities=none,
-        values=none,
-        rewards=np.array(rewards, np.float32),
-        arrived_at=np.array(arrived_at, np.int32),
-        final_observations=none,
-        states=none,
-    )
+    return course_of(rewards, arrived_at, decisions_of([], 1), max_steps=level.max_steps, score=score)
 
 
 def test_a_score_worked_by_hand():
     played = {
-        0: recording(LEVELS[0], [[-1, -1, -1], [1, 1, 1]], [1, 0, 1]),  # 0 / (3 * 412)
-        1: recording(LEVELS[1], [[-1, -1, -1]] * 412, [-1, 7, -1]),  # -1
+        0: course(LEVELS[0], [[-5, 0, -1], [2, 1, 1]], [1, 0, 1], score=0.5),  # (-(1 + 0 + 1) + 3) / (3 * 412)
+        1: course(LEVELS[1], [[-1, -1, -1]] * 412, [-1, 7, -1], score=0.25),  # -(412 + 7 + 412) / (3 * 412)
     }
     told = []
     score = evaluate(lambda index, _level: played[index], LEVELS[:2], told.append)
-    assert score.returns.tolist() == [0.0, -1.0]
+    assert score.returns.tolist() == [1 / 1236, -831 / 1236]
     assert score.arrived_shares.tolist() == [1.0, pytest.approx(1 / 3)]
     assert score.all_arrived.tolist() == [True, False]
     assert score.steps.tolist() == [2, 412]
-    assert (score.mean_return, score.all_arrived_share, score.mean_steps) == (-0.5, 0.5, 207.0)
+    assert (score.mean_return, score.all_arrived_share, score.mean_steps) == (pytest.approx(-415 / 1236), 0.5, 207.0)
+    assert score.mean_score == 0.375
     assert score.arrived_share == pytest.approx(2 / 3)
     assert told == [1, 2]
 
@@ -68,10 +54,12 @@ def test_greedy_play_takes_the_best_and_the_room_for_trains_changes_nothing(twin
 
 
 def test_samples_are_those_of_seed_and_number(twin):
-    together = [sampled(player("compiled", 3), twin, 5)(index, level).actions for index, level in enumerate(LEVELS)]
+    together = [
+        sampled(player("compiled", 3), twin, 5)(index, level).decisions.actions for index, level in enumerate(LEVELS)
+    ]
     policy = sampled(player("compiled", 3), twin, 5)
     for index in (3, 0):  # in another order, without the others
-        np.testing.assert_array_equal(policy(index, LEVELS[index]).actions, together[index])
+        np.testing.assert_array_equal(policy(index, LEVELS[index]).decisions.actions, together[index])
     for other in (policy(1, LEVELS[0]), sampled(player("compiled", 3), twin, 6)(0, LEVELS[0])):
-        assert other.actions.tolist() != together[0].tolist()
-    assert greedy(player("compiled", 3), twin)(0, LEVELS[0]).actions.tolist() != together[0].tolist()
+        assert other.decisions.actions.tolist() != together[0].tolist()
+    assert greedy(player("compiled", 3), twin)(0, LEVELS[0]).decisions.actions.tolist() != together[0].tolist()

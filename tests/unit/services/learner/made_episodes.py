@@ -2,11 +2,13 @@
 
 import os
 import subprocess
+import sys
 
 import numpy as np
 
 from common.interpreter import PYTHON
-from common.records import Episode
+from common.records.acting import Circumstances, Fragment, Lease, Progressed
+from common.records.course import Course, Decisions
 
 STEPS, TRAINS = 40, 3
 
@@ -16,6 +18,57 @@ def at_offset(array, offset):
     raw = np.zeros(array.nbytes + offset, np.uint8)[offset:].view(array.dtype).reshape(array.shape)
     raw[...] = array
     return raw
+
+
+def decisions_of(decided, n_features, log_probabilities=None, values=None):
+    """Of (time, train, action, what it saw)."""
+    times, trains, actions, seen = zip(*decided, strict=True) if (decided := list(decided)) else ((), (), (), ())
+    count = len(times)
+    return Decisions(
+        observations=np.array(seen, np.float32).reshape(count, n_features),
+        times=np.array(times, np.int32),
+        trains=np.array(trains, np.int32),
+        actions=np.array(actions, np.int8),
+        log_probabilities=np.zeros(count, np.float32) if log_probabilities is None else log_probabilities,
+        values=np.zeros(count, np.float32) if values is None else values,
+    )
+
+
+def course_of(rewards, arrived_at, decisions, final=None, **changes):
+    """A course from its start to its end, unless `changes` say otherwise."""
+    n_trains, n_features = len(arrived_at), decisions.observations.shape[1]
+    final = np.zeros((n_trains, n_features)) if final is None else final
+    fields = {
+        "level_hash": "0" * 32,
+        "max_steps": max(1, len(rewards)),
+        "first_step": 0,
+        "over": True,
+        "decisions": decisions,
+        "rewards": np.asarray(rewards, np.float32),
+        "arrived_at": np.array(arrived_at, np.int32),
+        "final_observations": np.asarray(final, np.float32).reshape(n_trains, n_features),
+        "states": np.zeros((n_trains, 0), np.float32),
+    }
+    return Course(**fields | changes)
+
+
+def lease_of(episode, **changes):
+    """A lease of a whole episode, unless `changes` say otherwise."""
+    fields = {"level": "easy", "level_seed": 1, "weights_version": episode, "epsilon": 0.0}
+    return Lease(**{"episode": episode, "steps": None, "progressed": None} | fields | changes)
+
+
+def fragment_of(lease, course, actor="a"):
+    """What an actor publishes."""
+    circumstances = Circumstances(actor=actor, acting_s=0.0, waited_s=0.0)
+    return Fragment(lease=lease, course=course, circumstances=circumstances)
+
+
+def decided(number, decisions, rewards, arrived_at, final):
+    """An episode of `decisions`: (time, train, action, what it saw)."""
+    final = np.asarray(final, np.float32).reshape(len(arrived_at), -1)
+    course = course_of(rewards, arrived_at, decisions_of(decisions, final.shape[1]), final)
+    return fragment_of(lease_of(number), course)
 
 
 def make_episode(number, n_features=6, steps=STEPS, offset=0, density=1.0):
@@ -34,63 +87,75 @@ def make_episode(number, n_features=6, steps=STEPS, offset=0, density=1.0):
         arrived_at,
         final * (arrived_at < 0)[:, None],
     )
-    names = ("observations", "rewards", "final_observations")
-    return episode.model_copy(update={name: at_offset(getattr(episode, name), offset) for name in names})
-
-
-def decided(number, decisions, rewards, arrived_at, final):
-    """An episode of `decisions`: (time, train, action, what it saw)."""
-    times, trains, actions, seen = zip(*decisions, strict=True) if (decisions := list(decisions)) else ((), (), (), ())
-    final = np.asarray(final, np.float32).reshape(len(arrived_at), -1)
-    return Episode(
-        episode=number,
-        fragment=0,
-        first_step=0,
-        over=True,
-        level="easy",
-        level_seed=1,
-        level_hash="0" * 32,
-        weights_version=number,
-        actor="a",
-        acting_s=0.0,
-        waited_s=0.0,
-        max_steps=len(rewards),
-        observations=np.array(seen, np.float32).reshape(len(times), final.shape[1]),
-        times=np.array(times, np.int32),
-        trains=np.array(trains, np.int32),
-        actions=np.array(actions, np.int8),
-        log_probabilities=np.zeros(len(times), np.float32),
-        values=np.zeros(len(times), np.float32),
-        rewards=np.asarray(rewards, np.float32),
-        arrived_at=np.array(arrived_at, np.int32),
-        final_observations=final,
-        states=np.zeros((len(arrived_at), 0), np.float32),
+    course = episode.course
+    return edited(
+        episode,
+        observations=at_offset(course.decisions.observations, offset),
+        rewards=at_offset(course.rewards, offset),
+        final_observations=at_offset(course.final_observations, offset),
     )
+
+
+def edited(record, **changes):
+    """A copy of a record in which these fields, wherever in it they are, have other values; nothing is checked."""
+    update = {name: value for name, value in changes.items() if name in type(record).model_fields}
+    for name in type(record).model_fields:
+        part = getattr(record, name)
+        if isinstance(part, (Lease, Course, Decisions, Circumstances)) and name not in update:
+            update[name] = edited(part, **changes)
+    return record.model_copy(update=update)
 
 
 def cut(episode, places):
     """The fragments of an episode cut after these steps, as an actor would have published them."""
-    ends = sorted({place for place in places if 0 < place < len(episode.rewards)})
+    course, decisions = episode.course, episode.course.decisions
+    ends = sorted({place for place in places if 0 < place < len(course.rewards)})
     fragments = []
-    for number, (first, end) in enumerate(zip([0, *ends], [*ends, len(episode.rewards)], strict=True)):
-        here, over = (first <= episode.times) & (episode.times < end), end == len(episode.rewards)
-        changed = {name: getattr(episode, name)[here] for name in ("observations", "times", "trains", "actions")}
-        changed |= {name: getattr(episode, name)[here] for name in ("log_probabilities", "values")}
-        changed |= {
-            "fragment": number,
-            "first_step": first,
-            "over": over,
-            "rewards": episode.rewards[first:end],
-            "arrived_at": np.where(episode.arrived_at < end, episode.arrived_at, -1).astype(np.int32),
-            "final_observations": episode.final_observations * np.float32(over),
-        }
-        fragments.append(Episode.model_validate(dict(episode) | changed))
+    for number, (first, end) in enumerate(zip([0, *ends], [*ends, len(course.rewards)], strict=True)):
+        over = end == len(course.rewards)
+        before = Progressed(
+            fragment=max(1, number),
+            first_step=max(1, first),
+            actions=decisions.actions[decisions.times < first],
+            states=course.states,
+        )
+        lease = lease_of(episode.lease.episode, steps=end - first, progressed=before if number else None)
+        part = course_of(
+            course.rewards[first:end],
+            np.where(course.arrived_at < end, course.arrived_at, -1),
+            decisions.chosen((first <= decisions.times) & (decisions.times < end)),
+            course.final_observations * np.float32(over),
+            first_step=first,
+            over=over,
+            max_steps=course.max_steps,
+        )
+        fragments.append(fragment_of(lease, part, episode.circumstances.actor))
     return fragments
+
+
+def answer_to(lease, *, actor="a", steps=None, over=None, n_features=1, seen=None, max_steps=100):
+    """What an actor makes of a lease: one train, which decides on every step and arrives on the last if all is over."""
+    steps = (2 if lease.steps is None else lease.steps) if steps is None else steps
+    over = lease.steps is None if over is None else over
+    first = lease.first_step
+    seen = lease.weights_version / 100 if seen is None else seen
+    vector = np.full(n_features, seen, np.float32)
+    decisions = decisions_of([(first + step, 0, lease.fragment % 5, vector) for step in range(steps)], n_features)
+    course = course_of(
+        np.full((steps, 1), -1),
+        [first + steps - 1 if over else -1],
+        decisions,
+        first_step=first,
+        over=over,
+        max_steps=max_steps,
+    )
+    return fragment_of(lease, course, actor)
 
 
 def printed_by_fresh_processes(program, offsets):
     """What a test file prints as a program, once for each misalignment of its arrays."""
-    environment = os.environ | {"MKL_CBWR": "AUTO,STRICT", "OMP_NUM_THREADS": "1"}
+    paths = os.pathsep.join(filter(None, sys.path))
+    environment = os.environ | {"MKL_CBWR": "AUTO,STRICT", "OMP_NUM_THREADS": "1", "PYTHONPATH": paths}
     results = [
         subprocess.run([*PYTHON, program, str(offset)], env=environment, capture_output=True, text=True, check=False)
         for offset in offsets

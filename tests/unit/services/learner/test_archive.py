@@ -12,7 +12,7 @@ from common import checkpoint
 from common.config import parse_config
 from common.folder import RunFolder
 from common.process import Fatal
-from common.records import EpisodeRow
+from common.records.rows import EpisodeRow
 from common.rows import RowFile, read_rows
 from services.learner import archive as archive_module
 from services.learner.archive import Archive, arithmetic

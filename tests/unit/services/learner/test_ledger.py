@@ -7,43 +7,24 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from made_episodes import answer_to, lease_of
 
-from common.config import DIFFICULTIES
-from common.records import Episode
+from common.records.acting import Progressed
 from services.learner.ledger import Ledger
+
+LEVELS = ("easy", "medium", "hard", "rush")
+NAMES = {level[0]: level for level in LEVELS}
 
 
 def acted(number, level="easy", fragment=0, over=True):
     """An episode, or a fragment of one, as small as one can be."""
-    return Episode(
-        episode=number,
-        fragment=fragment,
-        first_step=fragment,
-        over=over,
-        level=level,
-        level_seed=0,
-        level_hash="0" * 32,
-        weights_version=0,
-        actor="a",
-        acting_s=0.0,
-        waited_s=0.0,
-        max_steps=9,
-        observations=np.zeros((0, 1), np.float32),
-        times=np.zeros(0, np.int32),
-        trains=np.zeros(0, np.int32),
-        actions=np.zeros(0, np.int8),
-        log_probabilities=np.zeros(0, np.float32),
-        values=np.zeros(0, np.float32),
-        rewards=np.zeros((1, 1), np.float32),
-        arrived_at=np.zeros(1, np.int32),
-        final_observations=np.zeros((1, 1), np.float32),
-        states=np.zeros((1, 0), np.float32),
-    )
+    nothing = {"actions": np.zeros(0, np.int8), "states": np.zeros((1, 0), np.float32)}
+    progressed = Progressed(fragment=fragment, first_step=fragment, **nothing) if fragment else None
+    return answer_to(lease_of(number, level=level, steps=1, progressed=progressed), over=over)
 
 
 def ledger(levels="eeee", lag=0, trained=0, actors=("a", "b")):
-    names = {level[0]: level for level in DIFFICULTIES}
-    made = Ledger([names[letter] for letter in levels], lag, trained)
+    made = Ledger([NAMES[letter] for letter in levels], lag, trained)
     for incarnation in actors:
         made.actor_came(incarnation)
     return made
@@ -72,9 +53,9 @@ def test_lag_leases_as_many_episodes_more_at_a_time():
     assert made.grant("b", "any") is None
     assert made.next_ready() is None  # training is strictly in order
     assert made.receive(acted(0))
-    assert made.next_ready().episode == 0
+    assert made.next_ready().lease.episode == 0
     train_one(made)
-    assert made.next_ready().episode == 1
+    assert made.next_ready().lease.episode == 1
     train_one(made)
     assert [made.grant(actor, "any") for actor in "abd"] == [(3, 0), (4, 0), None]
 
@@ -136,11 +117,21 @@ def test_a_kept_episode_that_got_lost_is_missing_and_stays_with_its_actor():
     assert made.reissued == made.leased == 0
 
 
-def test_an_actor_that_is_not_known_to_live_is_asked_for_what_is_missing_but_holds_no_lease():
+def test_an_actor_that_is_not_known_to_live_is_not_asked_for_anything():
     made = ledger(actors="b")
-    assert made.missing("a", [(0, 0)]) == [(0, 0)]
+    assert made.missing("a", [(0, 0)]) == []
     assert made.leased == 0
     assert made.grant("b", "any") == (0, 0)
+
+
+def test_a_kept_episode_that_somebody_else_acts_is_not_asked_for_unless_that_one_dies():
+    made = ledger()
+    assert made.grant("a", "any") == (0, 0)
+    assert made.missing("b", [(0, 0)]) == []
+    assert made.lessee((0, 0)) == "a"
+    made.actor_gone("a")
+    assert made.missing("b", [(0, 0)]) == [(0, 0)]
+    assert made.lessee((0, 0)) == "b"
 
 
 def test_only_untrained_episodes_of_this_run_that_are_not_here_are_missing():
@@ -220,7 +211,7 @@ def test_what_is_not_as_it_must_be_waits_again():
     made = ledger(actors="a")
     assert made.grant("a", "any") == (0, 0)
     assert made.receive(acted(0))
-    made.discard()
+    assert made.discard() == "a"
     assert made.next_ready() is None
     assert made.grant("a", "any") == (0, 0)
 
@@ -247,10 +238,9 @@ LOST = st.sampled_from([False, False, False, True])
 class Run(RuleBasedStateMachine):
     """A learner's ledger among actors that come and die, messages that get lost, and restarts of the learner."""
 
-    @initialize(levels=st.text("emh", min_size=4, max_size=12), lag=st.integers(0, 3))
+    @initialize(levels=st.text("emhr", min_size=4, max_size=12), lag=st.integers(0, 3))
     def begin(self, levels, lag):
-        names = {level[0]: level for level in DIFFICULTIES}
-        self.levels = [names[letter] for letter in levels]
+        self.levels = [NAMES[letter] for letter in levels]
         self.lag = lag
         self.snapshot = 0
         self.living = {}
@@ -276,7 +266,7 @@ class Run(RuleBasedStateMachine):
 
     # What happens
 
-    @rule(serves=st.sampled_from([*DIFFICULTIES, "any", "any"]), known=st.booleans())
+    @rule(serves=st.sampled_from([*LEVELS, "any", "any"]), known=st.booleans())
     def comes(self, serves, known):
         self.born += 1
         actor = Actor(f"incarnation-{self.born}", serves)
@@ -396,8 +386,8 @@ class Run(RuleBasedStateMachine):
         assert self.ledger.duplicates == duplicates + known
 
     def train(self):
-        while (episode := self.ledger.next_ready()) is not None:
-            self.trained.append((episode.episode, episode.fragment))
+        while (fragment := self.ledger.next_ready()) is not None:
+            self.trained.append(fragment.lease.unit)
             self.ledger.mark_trained()
 
     def doubt(self, actors):

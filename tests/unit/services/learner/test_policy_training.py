@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from made_episodes import at_offset, make_episode, printed_by_fresh_processes
+from made_episodes import at_offset, edited, make_episode, printed_by_fresh_processes
 from test_training import weights_hash
 
 from common.config import NetworkConfig, PpoConfig, ReplayConfig, SilConfig
@@ -46,18 +46,13 @@ def make_policy_episode(number, n_features=6, offset=0):
     """A random episode, of a policy that was not sure."""
     episode = make_episode(number, n_features, offset=offset)
     rng = np.random.default_rng(number)
-    return episode.model_copy(
-        update={
-            "log_probabilities": -1 - rng.random(len(episode.times), np.float32),
-            "values": -rng.random(len(episode.times), np.float32),
-        }
-    )
+    count = len(episode.course.decisions)
+    return edited(episode, log_probabilities=-1 - rng.random(count, np.float32), values=-rng.random(count, np.float32))
 
 
 def without(episode, kept):
     """Only some of an episode's decisions."""
-    fields = ("observations", "times", "trains", "actions", "log_probabilities", "values")
-    return episode.model_copy(update={field: getattr(episode, field)[kept] for field in fields})
+    return edited(episode, decisions=episode.course.decisions.chosen(kept))
 
 
 METRICS = {
@@ -86,7 +81,7 @@ def test_an_episode_gives_its_epochs_of_updates_and_their_metrics(rule):
     metrics = make_trainer(rule).train(episode)
     assert set(metrics) == TOLD[rule]
     assert metrics["updates"] == {"ppo": 4, "ppor": 4, "sil": 7}[rule]
-    assert metrics["transitions"] == len(episode.times) >= 32
+    assert metrics["transitions"] == len(episode.course.decisions) >= 32
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -102,11 +97,11 @@ def test_an_episode_without_decisions_changes_nothing(rule):
 @pytest.mark.parametrize("rule", RULES)
 def test_a_train_that_never_decides_does_not_matter(rule):
     episode = make_policy_episode(1)
-    episode = without(episode, episode.trains != 1)
-    rewards, final = episode.rewards.copy(), episode.final_observations.copy()
+    episode = without(episode, episode.course.decisions.trains != 1)
+    rewards, final = episode.course.rewards.copy(), episode.course.final_observations.copy()
     rewards[:, 1], final[1] = 9, 9
     hashes = set()
-    for candidate in (episode, episode.model_copy(update={"rewards": rewards, "final_observations": final})):
+    for candidate in (episode, edited(episode, rewards=rewards, final_observations=final)):
         trainer = make_trainer(rule, batch_size=8)
         assert trainer.train(candidate)["updates"] > 0
         hashes.add(weights_hash(trainer))
@@ -119,9 +114,9 @@ def test_a_truncated_train_is_worth_what_it_saw_last_and_an_arrived_one_is_not()
     for arrived in (-1, 39):
         for seen in (-0.1, -0.9):
             trainer = make_trainer("ppo")
-            final = np.full_like(episode.final_observations, seen)
+            final = np.full_like(episode.course.final_observations, seen)
             at = np.full(3, arrived, np.int32)
-            trainer.train(episode.model_copy(update={"arrived_at": at, "final_observations": final}))
+            trainer.train(edited(episode, arrived_at=at, final_observations=final))
             hashes[arrived, seen] = weights_hash(trainer)
     assert hashes[-1, -0.1] != hashes[-1, -0.9]
     assert hashes[39, -0.1] == hashes[39, -0.9]
@@ -145,9 +140,9 @@ def test_ppor_waits_for_a_batch():
 )
 def test_an_episode_that_does_not_fit_is_refused(rule, change, message):
     episode = without(make_policy_episode(1), slice(0, 40))
-    assert len(episode.times) == 40
+    assert len(episode.course.decisions) == 40
     with pytest.raises(ValueError, match=message):
-        make_trainer(rule).train(episode.model_copy(update=change))
+        make_trainer(rule).train(edited(episode, **change))
 
 
 @pytest.mark.parametrize("rule", RULES)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_episodes import make_episode
+from made_episodes import course_of, decisions_of
 
 from services.learner.returns import LEAST, decision_returns
 
@@ -13,15 +13,9 @@ def returns(rewards, arrived_at, final_values, discount=0.5):
     """From every step on, as if all trains decided on all steps."""
     rewards = np.array(rewards, np.float32)
     times, trains = np.nonzero(np.ones_like(rewards))
-    episode = make_episode(0).model_copy(
-        update={
-            "rewards": rewards,
-            "arrived_at": np.array(arrived_at, np.int32),
-            "times": times.astype(np.int32),
-            "trains": trains.astype(np.int32),
-        }
-    )
-    return decision_returns(episode, np.array(final_values, np.float32), discount).reshape(rewards.shape)
+    decisions = decisions_of(((time, train, 0, [0]) for time, train in zip(times, trains, strict=True)), 1)
+    course = course_of(rewards, arrived_at, decisions)
+    return decision_returns(course, np.array(final_values, np.float32), discount).reshape(rewards.shape)
 
 
 def test_a_train_that_the_limit_stopped_is_worth_what_it_saw_last():

@@ -3,7 +3,8 @@
 import pytest
 
 from common.config import parse_config
-from services.learner.schedule import difficulties
+from common.seeding import training_level_seed
+from services.learner.schedule import Schedule
 
 
 def config(mix, seed=1, episodes=12, actors=None):
@@ -22,37 +23,46 @@ def config(mix, seed=1, episodes=12, actors=None):
     )
 
 
+def levels_of(config):
+    return Schedule.of(config).levels
+
+
+def test_what_leases_say_follows_from_the_configuration():
+    exploring = Schedule.of(config({"easy": 1}, seed=3))
+    assert (exploring.lag, exploring.fragment_steps) == (0, None)
+    assert [exploring.epsilon(episode) for episode in (0, 11)] == [0.9, pytest.approx(0.01, abs=0.1)]
+    assert exploring.level_seed(5) == training_level_seed(3, 5)
+
+
 def test_a_run_of_one_difficulty_has_only_that():
-    assert list(difficulties(config({"hard": 1}, episodes=5))) == ["hard"] * 5
+    assert list(levels_of(config({"hard": 1}, episodes=5))) == ["hard"] * 5
 
 
 def test_the_schedule_of_a_mix_is_pinned():
-    assert (
-        "".join(level[0] for level in difficulties(config({"easy": 0.5, "medium": 0.3, "hard": 0.2}))) == "ehhhemmeeeem"
-    )
+    assert "".join(level[0] for level in levels_of(config({"easy": 0.5, "medium": 0.3, "hard": 0.2}))) == "ehhhemmeeeem"
 
 
 def test_the_order_in_which_a_mix_is_written_does_not_matter():
-    one = difficulties(config({"easy": 0.5, "medium": 0.3, "hard": 0.2}, episodes=200))
-    other = difficulties(config({"hard": 0.2, "easy": 0.5, "medium": 0.3}, episodes=200))
+    one = levels_of(config({"easy": 0.5, "medium": 0.3, "hard": 0.2}, episodes=200))
+    other = levels_of(config({"hard": 0.2, "easy": 0.5, "medium": 0.3}, episodes=200))
     assert list(one) == list(other)
 
 
 def test_a_longer_run_begins_like_a_shorter_one():
     mix = {"easy": 0.5, "hard": 0.5}
-    assert list(difficulties(config(mix, episodes=300)))[:100] == list(difficulties(config(mix, episodes=100)))
+    assert list(levels_of(config(mix, episodes=300)))[:100] == list(levels_of(config(mix, episodes=100)))
 
 
 def test_seeds_differ_and_actors_do_not_matter():
     mix = {"easy": 0.5, "hard": 0.5}
-    ours = list(difficulties(config(mix, seed=1, episodes=64)))
-    assert ours != list(difficulties(config(mix, seed=2, episodes=64)))
-    assert ours == list(difficulties(config(mix, seed=1, episodes=64, actors={"easy": 3, "hard": 1})))
+    ours = list(levels_of(config(mix, seed=1, episodes=64)))
+    assert ours != list(levels_of(config(mix, seed=2, episodes=64)))
+    assert ours == list(levels_of(config(mix, seed=1, episodes=64, actors={"easy": 3, "hard": 1})))
 
 
 @pytest.mark.parametrize("mix", [{"easy": 0.5, "hard": 0.5}, {"easy": 0.1, "medium": 0.2, "hard": 0.7}])
 def test_shares_are_kept(mix):
-    found = list(difficulties(config(mix, episodes=5000)))
+    found = list(levels_of(config(mix, episodes=5000)))
     assert set(found) == set(mix)
     for difficulty, share in mix.items():
         deviation = (share * (1 - share) / 5000) ** 0.5
@@ -62,4 +72,4 @@ def test_shares_are_kept(mix):
 def test_shares_that_do_not_quite_add_up_to_one_still_name_a_difficulty(monkeypatch):
     monkeypatch.setattr("services.learner.schedule.uniform", lambda _key, _counter: 1 - 2**-53)
     mix = {"easy": 0.1, "hard": 0.7, "medium": 0.2 - 1e-12}
-    assert set(difficulties(config(mix))) == {"medium"}
+    assert set(levels_of(config(mix))) == {"medium"}

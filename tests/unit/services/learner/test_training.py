@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_episodes import STEPS, at_offset, cut, decided, make_episode, printed_by_fresh_processes
+from made_episodes import STEPS, at_offset, cut, decided, edited, make_episode, printed_by_fresh_processes
 
 from common.config import DqnConfig, NetworkConfig, ReplayConfig
 from services.learner.learning import Learning, build_trainer
@@ -119,10 +119,10 @@ def test_a_trainer_restored_within_an_episode_goes_on_with_the_same_bits(after):
 
 def test_an_update_knows_nothing_of_what_completes_later():
     episode = make_episode(3)
-    rewards = episode.rewards.copy()
+    rewards = episode.course.rewards.copy()
     rewards[21:] *= 9
     hashes = []
-    for candidate in (episode, episode.model_copy(update={"rewards": rewards})):
+    for candidate in (episode, edited(episode, rewards=rewards)):
         trainer = make_trainer(learn_every_steps=21)
         assert trainer.train(candidate)["updates"] == 1
         hashes.append(weights_hash(trainer))

@@ -85,8 +85,8 @@ def test_an_episode_may_be_cut_anywhere(number, places):
     parts = []
     for fragment in cut(episode, places):
         parts.append(maker.take(fragment))
-        assert maker.is_open == (not fragment.over)
-        known = fragment.first_step + len(fragment.rewards)
+        assert maker.is_open == (not fragment.course.over)
+        known = fragment.course.last_step
         assert sum(map(len, parts)) == np.searchsorted(whole.completed_at, known, side="right")
     np.testing.assert_array_equal(np.concatenate([part.completed_at for part in parts]), whole.completed_at)
     for name, array in whole.columns.items():
@@ -100,8 +100,9 @@ def test_an_episode_may_be_cut_anywhere(number, places):
 def test_back_leads_through_all_decisions_of_a_train(number):
     episode = make_episode(number)
     columns = TransitionMaker(0.9).take(episode).columns
-    for train in range(episode.rewards.shape[1]):
-        mine = episode.observations[episode.trains == train]
+    for train in range(episode.course.n_trains):
+        decisions = episode.course.decisions
+        mine = decisions.observations[decisions.trains == train]
         if len(mine) == 0:
             continue
         place = int(np.flatnonzero((columns["observation_tm1"] == mine[-1]).all(-1))[0])

@@ -13,7 +13,7 @@ from common.policy.compiled import Twin
 from common.policy.networks import export_parameters
 from common.policy.player import MAX_TRAINS, Acting, network_layout, play
 from common.policy.rollout import Rollouts
-from common.rail.play import Recording
+from common.records.course import Course
 from tools.bench.measuring import DisagreementError, measure
 from tools.bench.policy import NETWORK, TheirPlayer, comparison, comparisons, pathfinder, script_of
 
@@ -24,7 +24,7 @@ def short(level: Level) -> Level:
     return replace(level, max_steps=EDGE)
 
 
-def played(level: Level, *, greedy: bool) -> Recording:
+def played(level: Level, *, greedy: bool) -> Course:
     twin = Twin(network_layout(NETWORK))
     twin.load(export_parameters(pathfinder()))
     return play(Rollouts(MAX_TRAINS), level, Acting(twin, 0.5, 7, greedy))
@@ -33,21 +33,23 @@ def played(level: Level, *, greedy: bool) -> Recording:
 def test_the_network_follows_the_shortest_path():
     level = generate("easy", 4)
     alone = replace(level, starts=level.starts[:1], targets=level.targets[:1])
-    recording = played(alone, greedy=True)
-    root_distance = round((1 + float(recording.observations[0][6])) * 100)
-    assert recording.arrived_at.tolist() == [root_distance]  # the first step only departs
+    course = played(alone, greedy=True)
+    root_distance = round((1 + float(course.decisions.observations[0][6])) * 100)
+    assert course.arrived_at.tolist() == [root_distance]  # the first step only departs
 
 
 @pytest.mark.parametrize("difficulty", DIFFICULTIES)
 def test_flatland_plays_our_episode_again(difficulty: Difficulty):
-    script = script_of(played(short(generate(difficulty, 2)), greedy=False))
-    assert sum(map(len, script.deciding)) == len(script.recording.actions)
+    level = short(generate(difficulty, 2))
+    script = script_of(level, played(level, greedy=False))
+    assert sum(map(len, script.deciding)) == len(script.course.decisions)
     assert min(TheirPlayer(pathfinder()).play(script)) > 0
 
 
 def test_another_episode_is_an_error():
-    script = script_of(played(short(generate("easy", 2)), greedy=False))
-    script.recording.rewards[-1] = np.zeros(3, np.float32)
+    level = short(generate("easy", 2))
+    script = script_of(level, played(level, greedy=False))
+    script.course.rewards[-1] = np.zeros(3, np.float32)
     with pytest.raises(DisagreementError, match="another way"):
         TheirPlayer(pathfinder()).play(script)
 

@@ -1,14 +1,19 @@
 """A small episode under each set of rules, as a digest: run with and without compilation, it must come out the same."""
 
 import hashlib
-from fractions import Fraction
 
+import made_rails
 import numpy as np
 
-from common.levels.level import Level
-from common.rail.compiled.malfunctions import Malfunctions
-from common.rail.compiled.traffic import Traffic
+from common.levels.distributions import Bounds
+from common.levels.level import Level, Malfunctions
 from common.rail.compiled.world import CompiledWorld
+from common.rail.observations.global_map import GlobalObservation
+from common.rail.observations.local_map import LocalObservation
+from common.rail.observations.tree import TreeObservation
+from common.rail.rewards.delay import DelayReward
+from common.rail.rewards.shaped import ShapedReward
+from common.rail.rewards.study import StudyReward
 
 ALONG, ACROSS, CROSSING = 0x0401, 0x8020, 0x8421
 SWITCH, CURVE = 0x0C11, 0x4008
@@ -26,28 +31,37 @@ LEVEL = Level(  # a line with a branch to the north, a crossing, and a dead end 
     targets=np.array([[1, 5], [0, 2], [2, 4]], np.int32),
     max_steps=40,
 )
+DISTURBED = made_rails.scheduled(
+    LEVEL,
+    speeds=[(1, 1), (1, 2), (2, 5)],
+    departures=[0, 3, 1],
+    arrivals=[9, 30, 20],
+    malfunctions=Malfunctions(1 / 17, 2, 5),
+)
+SHAPED = ShapedReward(arrival=2, progress=0.3, deadlock=-5, delay=0.1)
+KINDS = (
+    ("legacy", TreeObservation(), StudyReward()),
+    ("stock", TreeObservation(depth=3, features="plain", conflicts="repaired"), SHAPED),
+    ("stock", TreeObservation(depth=1), DelayReward()),
+    ("legacy", GlobalObservation(), SHAPED),
+    ("stock", LocalObservation(radius=2), DelayReward()),
+)
 
 
 def digest() -> str:
     """Of all that two worlds do and show."""
     state = hashlib.sha256()
-    broken = np.packbits(np.arange(1_000_000) % 17 == 0)
-    words = np.append(np.random.RandomState(3).get_state()[1], np.uint32(620)).astype(np.uint32)
-    traffic = Traffic(
-        speeds=[Fraction(1), Fraction(1, 2), Fraction(2, 5)],
-        departures=[0, 3, 1],
-        malfunctions=Malfunctions(broken, 2, 5, 0, words),
-    )
     rng = np.random.default_rng(1)
-    for rules, tree, depth in (("legacy", "legacy", 2), ("stock", "repaired", 3), ("stock", "stock", 1)):
-        world = CompiledWorld(2, 3, rules=rules, tree=tree, depth=depth)
+    for rules, observation, reward in KINDS:
+        world = CompiledWorld(2, 3, rules=rules, observation=observation, reward=reward, bounds=Bounds(3, 6, 3))
         for slot in range(2):
-            world.load(slot, LEVEL, traffic if rules == "stock" else Traffic())
+            world.load(slot, DISTURBED if rules == "stock" else LEVEL, malfunction_seed=slot)
         while not world.over().all():
             where, vectors = world.observe_deciding()
             for array in (where, vectors, world.trees(), world.arrived()):
                 state.update(array.tobytes())
             state.update(world.step(rng.choice(5, p=[0.1, 0.1, 0.6, 0.1, 0.1], size=(2, 3)).astype(np.int8)).tobytes())
+        state.update(np.array([world.score(slot) for slot in range(2)]).tobytes())
     return state.hexdigest()
 
 

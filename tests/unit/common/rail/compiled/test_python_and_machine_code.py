@@ -9,7 +9,7 @@ import played
 
 from common.interpreter import PYTHON
 from common.rail.compiled.arrays import NOTHING, SINGLE, WAYS
-from common.rail.compiled.malfunctions import duration
+from common.rail.compiled.malfunctions import next_word
 from common.rail.compiled.paths import count_bits, number_cells, ways_out
 from common.rail.compiled.step import leave
 from common.rail.compiled.world import CompiledWorld
@@ -21,7 +21,7 @@ HERE = Path(__file__).parent
 def test_a_small_episode_is_the_same_without_compilation():
     process = subprocess.run(
         [*PYTHON, "-W", "error", str(HERE / "played.py")],
-        env={**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(HERE.parents[4])},
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": f"{HERE.parents[4]}:{HERE.parent}"},
         capture_output=True,
         text=True,
         check=False,
@@ -55,8 +55,8 @@ def test_tables_and_moves_are_the_same():
             assert to != NOTHING or not codes[here] & SINGLE
 
 
-def test_durations_are_the_same():
+def test_random_words_are_the_same():
     words = np.append(np.random.RandomState(5).get_state()[1], np.uint32(624)).astype(np.uint32)
     twin = words.copy()
-    assert [duration(words, 2, 40) for _ in range(700)] == [duration.py_func(twin, 2, 40) for _ in range(700)]
+    assert [next_word(words) for _ in range(700)] == [next_word.py_func(twin) for _ in range(700)]
     np.testing.assert_array_equal(words, twin)

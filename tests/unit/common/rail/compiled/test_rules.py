@@ -1,36 +1,18 @@
 """Steps by hand, on a line and in a ring."""
 
-from fractions import Fraction
-
 import numpy as np
 import pytest
+from made_rails import EAST, SOUTH, WEST, line, ring, scheduled
 
-from common.levels.level import Level
+from common.levels.level import Level, Malfunctions
 from common.rail.compiled.arrays import BROKEN, DONE, MOVING, READY, STOPPED, WAITING
-from common.rail.compiled.malfunctions import Malfunctions, words_of
-from common.rail.compiled.traffic import Traffic
 from common.rail.compiled.world import CompiledWorld
 from common.rail.world import DO_NOTHING, MOVE_FORWARD, STOP_MOVING
 
-EAST, SOUTH, WEST = 1, 2, 3
-ALONG = 0x0401
-WEST_END, EAST_END = 0x0004, 0x0100
-NORTH_WEST, NORTH_EAST, SOUTH_EAST, SOUTH_WEST = 0x4002, 0x1200, 0x0810, 0x0048  # corners of a ring, where they lie
 
-
-def line(*trains: tuple[int, int, int], max_steps: int = 20) -> Level:
-    """A line of seven cells; each train is start column, heading, target column."""
-    return Level(
-        grid=np.array([[WEST_END, ALONG, ALONG, ALONG, ALONG, ALONG, EAST_END]], np.uint16),
-        starts=np.array([[0, start, heading] for start, heading, _ in trains], np.int32),
-        targets=np.array([[0, target] for _, _, target in trains], np.int32),
-        max_steps=max_steps,
-    )
-
-
-def world_of(level: Level, traffic: Traffic | None = None, rules: str = "stock") -> CompiledWorld:
+def world_of(level: Level, rules: str = "stock", malfunction_seed: int = 0) -> CompiledWorld:
     world = CompiledWorld(1, level.n_trains, rules=rules, decisions="always")
-    world.load(0, level, traffic or Traffic())
+    world.load(0, level, malfunction_seed)
     return world
 
 
@@ -54,12 +36,12 @@ def test_a_train_of_43_waits_is_ready_departs_and_drives_on_without_orders():
 
 
 def test_a_train_departs_no_earlier_than_its_timetable_says():
-    world = world_of(line((1, EAST, 5)), Traffic(departures=[3]))
+    world = world_of(scheduled(line((1, EAST, 5)), departures=[3]))
     assert [state for state, _ in run(world, *[MOVE_FORWARD] * 4)] == [WAITING, WAITING, READY, MOVING]
 
 
 def test_a_slow_train_needs_as_many_steps_for_a_cell():
-    world = world_of(line((1, EAST, 5)), Traffic(speeds=[Fraction(2, 5)]))
+    world = world_of(scheduled(line((1, EAST, 5)), speeds=[(2, 5)]))
     places = [column for _, column in run(world, *[MOVE_FORWARD] * 9)]
     assert places[1:] == [1, 1, 1, 2, 2, 3, 3, 3]
     assert world.batch.trains[0, 0]["distance"] == 4  # seven times 2 fifths
@@ -67,15 +49,13 @@ def test_a_slow_train_needs_as_many_steps_for_a_cell():
 
 
 def test_a_broken_train_stands_and_its_counter_runs_out():
-    broken = np.zeros(125_000, np.uint8)
-    broken[0] = 1 << 3  # the draw of the fourth step
-    malfunctions = Malfunctions(broken, 2, 2, 0, words_of(np.random.RandomState(1)))
-    world = world_of(line((1, EAST, 6)), Traffic(malfunctions=malfunctions))
+    rng = np.random.RandomState(67)
+    broken = rng.rand(1_000_000)[1:] < 1 - np.exp(-0.1)
+    assert np.flatnonzero(broken[:8]).tolist() == [3]  # the draw of the fourth step
+    assert rng.randint(2, 4) + 1 == 3
+    world = world_of(scheduled(line((1, EAST, 6)), malfunctions=Malfunctions(0.1, 2, 3)), malfunction_seed=67)
     seen = run(world, *[MOVE_FORWARD] * 8)
     assert seen[2:] == [(MOVING, 2), (BROKEN, 2), (BROKEN, 2), (BROKEN, 2), (MOVING, 3), (MOVING, 4)]
-    left = world.malfunctions(0)
-    assert left is not None
-    assert left.draw == 8
 
 
 def test_trains_that_face_each_other_stay():
@@ -101,12 +81,7 @@ def test_the_lower_train_goes_first_whoever_asks():
 
 @pytest.mark.parametrize("rules", ["stock", "legacy"])
 def test_a_full_ring_turns(rules: str):
-    level = Level(
-        grid=np.array([[NORTH_WEST, NORTH_EAST], [SOUTH_WEST, SOUTH_EAST]], np.uint16),
-        starts=np.array([[0, 1, EAST], [1, 1, SOUTH], [1, 0, WEST], [0, 0, 0]], np.int32),
-        targets=np.array([[0, 0], [0, 0], [1, 1], [1, 0]], np.int32),
-        max_steps=30,
-    )
+    level = ring(2, (0, 1, EAST), (1, 1, SOUTH), (1, 0, WEST), (0, 0, 0))
     world = world_of(level, rules=rules)
     run(world, *[MOVE_FORWARD] * (2 if rules == "stock" else 1))
     before = world.batch.trains[0]["config"] >> 2

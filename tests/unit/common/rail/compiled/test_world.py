@@ -1,49 +1,60 @@
 """The compiled world: what it refuses, how slots go together, trees of other depths."""
 
-from fractions import Fraction
-
 import numpy as np
 import played
 import pytest
+from made_rails import line, scheduled
 
-from common.levels.level import Level
+from common.levels.distributions import Bounds
+from common.levels.level import Level, Malfunctions
 from common.levels.shipped import generate
 from common.rail.compiled.arrays import DONE, NOWHERE
-from common.rail.compiled.malfunctions import Malfunctions
-from common.rail.compiled.traffic import Traffic
+from common.rail.compiled.looking import look_at_all
+from common.rail.compiled.tree import LEGACY, REPAIRED, STOCK, nodes_of
 from common.rail.compiled.world import CompiledWorld
 from common.rail.normalise import normalise
+from common.rail.observations.global_map import GlobalObservation
+from common.rail.observations.tree import TreeObservation
 from common.rail.world import MOVE_FORWARD, STOP_MOVING
 
 ALONG = 0x0401
-HALF = Traffic(speeds=[Fraction(1, 2)] * 3)
+MODES = {"stock": STOCK, "legacy": LEGACY, "repaired": REPAIRED}
 
 
 def random_actions(world: CompiledWorld, rng: np.random.Generator) -> np.ndarray:
     return rng.choice(5, p=[0.05, 0.1, 0.7, 0.1, 0.05], size=(world.slots, world.max_trains)).astype(np.int8)
 
 
-@pytest.mark.parametrize("tree", ["stock", "legacy", "repaired"])
+@pytest.mark.parametrize("features", ["study", "plain"])
+@pytest.mark.parametrize("tree", MODES)
 @pytest.mark.parametrize("depth", [1, 2, 3])
-def test_vectors_are_the_normalised_trees(tree: str, depth: int):
-    world = CompiledWorld(2, 7, rules="stock", tree=tree, depth=depth)
+def test_vectors_are_the_normalised_trees(tree: str, depth: int, features: str):
+    rules = "legacy" if tree == "legacy" else "stock"
+    conflicts = "repaired" if tree == "repaired" else "library"
+    observation = TreeObservation(depth=depth, features=features, conflicts=conflicts)
+    world = CompiledWorld(2, 7, rules=rules, observation=observation, bounds=Bounds(30, 40, 7))
     rng = np.random.default_rng(depth)
     for slot in range(2):
-        world.load(slot, generate("hard", slot), Traffic(speeds=[Fraction(1, 1 + train % 3) for train in range(7)]))
+        level = generate("hard", slot)
+        speeds = [(1, 1 + train % 3) for train in range(7)]
+        world.load(slot, scheduled(level, speeds=speeds) if rules == "stock" else level)
+    trees = np.empty((2, 7, nodes_of(depth), 12), np.float32)
     for _ in range(60):
-        trees = world.trees()
+        look_at_all(world.batch, world.parts().sight, MODES[tree], depth, trees)
+        if tree != "repaired":
+            assert world.trees(depth=depth).tobytes() == trees.tobytes()
         for slot, train in np.argwhere(world.batch.trains["config"] != NOWHERE).tolist():
             vector = world.observe(slot, train)
             assert vector.shape == (world.n_features,)
-            assert vector.tobytes() == normalise(trees[slot, train]).tobytes()
+            expected = normalise(trees[slot, train], features, 100 if features == "study" else 140)
+            assert vector.tobytes() == expected.tobytes()
         world.obey(random_actions(world, rng))
 
 
 def test_a_deeper_tree_holds_the_shallower_one():
-    shallow, deep = (CompiledWorld(1, 7, depth=depth) for depth in (1, 3))
-    for world in (shallow, deep):
-        world.load(0, generate("hard", 1))
-    np.testing.assert_array_equal(shallow.trees()[0], deep.trees()[0][:, [0, 1, 22, 43, 64]])
+    world = CompiledWorld(1, 7)
+    world.load(0, generate("hard", 1))
+    np.testing.assert_array_equal(world.trees(depth=1)[0], world.trees(depth=3)[0][:, [0, 1, 22, 43, 64]])
 
 
 def test_slots_are_worlds_of_their_own():
@@ -123,38 +134,67 @@ def test_what_does_not_fit_is_refused():
     with pytest.raises(ValueError, match="no train can stand on the target of train 1"):
         world.load(0, nowhere)
     assert world.over()[0]
-    with pytest.raises(ValueError, match="depth 4 is not supported"):
-        CompiledWorld(1, 3, depth=4)
-    with pytest.raises(ValueError, match="63 predicted steps"):
-        CompiledWorld(1, 3, predicted_steps=63)
+
+
+def test_observations_that_depend_on_the_largest_level_are_told_of_it():
+    for observation in (GlobalObservation(), TreeObservation(features="plain")):
+        with pytest.raises(ValueError, match="give its bounds"):
+            CompiledWorld(1, 3, observation=observation)
+    world = CompiledWorld(1, 3, observation=GlobalObservation(), bounds=Bounds(3, 5, 3))
+    with pytest.raises(ValueError, match="has 3x6 cells, the world has room for 3x5"):
+        world.load(0, played.LEVEL)
 
 
 @pytest.mark.parametrize(
-    "traffic",
+    "order",
     [
-        HALF,
-        Traffic(departures=[0, 1, 0]),
-        Traffic(malfunctions=Malfunctions(np.zeros(125_000, np.uint8), 1, 2, 0, np.zeros(625, np.uint32))),
+        {"speeds": [(1, 1), (1, 2), (1, 1)]},
+        {"departures": [0, 1, 0]},
+        {"malfunctions": Malfunctions(0.1, 1, 2)},
+        {"headings": [0b0001, 0, 0]},
     ],
 )
-def test_the_rules_of_22_know_plain_traffic_only(traffic: Traffic):
+def test_the_rules_of_22_know_plain_schedules_only(order: dict):
+    level = scheduled(played.LEVEL, **order)
     with pytest.raises(ValueError, match="use stock rules"):
-        CompiledWorld(1, 3).load(0, played.LEVEL, traffic)
-    CompiledWorld(1, 3, rules="stock").load(0, played.LEVEL, traffic)
+        CompiledWorld(1, 3).load(0, level)
+    if "headings" not in order:  # on the dead end to the east nobody heads north
+        CompiledWorld(1, 3, rules="stock").load(0, level)
 
 
-def test_traffic_is_checked():
+def test_the_rules_of_22_take_a_plain_schedule():
+    usable = scheduled(played.LEVEL, arrivals=[3, 4, 5], headings=[0b0010, 0, 0b1111])
+    CompiledWorld(1, 3).load(0, usable)
+
+
+def test_schedules_are_checked():
     world = CompiledWorld(1, 3, rules="stock")
-    for traffic in (Traffic(speeds=[Fraction(1)] * 2), Traffic(speeds=[Fraction(0)] * 3), Traffic(departures=[1])):
-        with pytest.raises(ValueError, match="3 trains need as many"):
-            world.load(0, played.LEVEL, traffic)
-    with pytest.raises(ValueError, match="common denominator"):
-        world.load(0, played.LEVEL, Traffic(speeds=[Fraction(1, 1009), Fraction(1, 2003), Fraction(1)]))
+    for order, message in (
+        ({"speeds": [(1, 1)] * 2}, "not one of 3 trains"),
+        ({"departures": [1]}, "not one of 3 trains"),
+        ({"speeds": [(0, 1)] * 3}, "not above 0 and at most 1"),
+        ({"speeds": [(3, 2)] * 3}, "not above 0 and at most 1"),
+        ({"speeds": [(1, 1009), (1, 2003), (1, 1)]}, "common denominator"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            world.load(0, scheduled(played.LEVEL, **order))
+
+
+def test_a_target_is_reached_with_the_headings_that_count():
+    level = scheduled(line((1, 1, 3)), headings=[0b1000])
+    world = CompiledWorld(1, 1, rules="stock")
+    world.load(0, level)
+    columns = []
+    while not world.over()[0] and len(columns) < 12:
+        world.obey(np.full((1, 1), MOVE_FORWARD, np.int8))
+        columns.append(int(world.batch.cells[0, world.batch.trains[0, 0]["config"] >> 2]["column"]))
+    assert columns[1:9] == [1, 2, 3, 4, 5, 6, 5, 4]  # past the target, and back to it from the end of the line
+    assert world.arrived()[0, 0]
 
 
 def test_the_cells_rule_spares_broken_trains_and_those_within_a_cell():
     world = CompiledWorld(1, 3, rules="stock", decisions="cells")
-    world.load(0, played.LEVEL, HALF)
+    world.load(0, scheduled(played.LEVEL, speeds=[(1, 2)] * 3))
     for _ in range(2):
         world.obey(np.full((1, 3), MOVE_FORWARD, np.int8))
     assert world.deciding().tolist() == [[False] * 3]  # on the map, but with half a cell to go

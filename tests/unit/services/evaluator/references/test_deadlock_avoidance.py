@@ -27,7 +27,7 @@ def actions(name, level):
     """[T][N]."""
     recording = reference_policy(name, CompiledWorld(1, level.n_trains))(0, level)
     told = np.full((recording.last_step, level.n_trains), -1)
-    told[recording.times, recording.trains] = recording.actions
+    told[recording.decisions.times, recording.decisions.trains] = recording.decisions.actions
     return told.tolist()
 
 

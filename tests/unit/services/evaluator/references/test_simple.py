@@ -10,6 +10,7 @@ from common.policy.player import Acting, play, player
 from common.rail.compiled.world import CompiledWorld
 from common.rail.world import DO_NOTHING, MOVE_LEFT, MOVE_RIGHT
 from common.rail.world import MOVE_FORWARD as FORWARD
+from common.records.acting import digest_of
 from common.seeding import stream_key
 from services.evaluator.references.policies import reference_policy
 
@@ -38,6 +39,7 @@ def test_random_trains_act_as_a_network_that_only_explores(write_checkpoint, tmp
     acting = Acting(twin, epsilon=1.0, key=stream_key(5, 2, "evaluation-random"))
     expected, ours = play(player("compiled", 3), level, acting), played("random", level, 2, seed=5)
     np.testing.assert_array_equal(ours.rewards, expected.rewards)
+    ours, expected = ours.decisions, expected.decisions
     told = {(time, train): action for time, train, action in zip(ours.times, ours.trains, ours.actions, strict=True)}
     at = zip(expected.times, expected.trains, strict=True)
     assert [told[place] for place in at] == expected.actions.tolist()
@@ -46,15 +48,15 @@ def test_random_trains_act_as_a_network_that_only_explores(write_checkpoint, tmp
 def test_random_trains_are_those_of_seed_and_number():
     level = LevelSupply().evaluation("easy", 0)
     first, *others = (played("random", level, index, seed=seed) for index, seed in ((0, 0), (1, 0), (0, 1)))
-    np.testing.assert_array_equal(first.actions, played("random", level).actions)
-    assert all(first.actions.tolist() != other.actions.tolist() for other in others)
+    np.testing.assert_array_equal(first.decisions.actions, played("random", level).decisions.actions)
+    assert all(first.decisions.actions.tolist() != other.decisions.actions.tolist() for other in others)
 
 
 def test_greedy_trains_never_wait_and_block_each_other_for_ever():
     recording = played("shortest-path", line((2, EAST, 6), (3, WEST, 0), (5, EAST, 6)))
     assert recording.arrived_at.tolist() == [-1, -1, 1]
     assert recording.rewards.sum(0).tolist() == [-20, -20, -1]
-    assert set(recording.actions.tolist()) == {FORWARD}
+    assert set(recording.decisions.actions.tolist()) == {FORWARD}
     assert recording.normalised_return == -41 / 60
 
 
@@ -66,8 +68,17 @@ def test_of_equally_short_ways_greedy_trains_take_the_left_one():
         targets=np.array([[0, 1]], np.int32),
         max_steps=20,
     )
-    assert played("shortest-path", ring).actions.tolist() == [FORWARD, FORWARD, MOVE_LEFT, FORWARD, FORWARD, FORWARD]
-    assert played("deadlock-avoidance", ring).actions.tolist()[2] == MOVE_RIGHT  # the east comes before the west
+    assert played("shortest-path", ring).decisions.actions.tolist() == [
+        FORWARD,
+        FORWARD,
+        MOVE_LEFT,
+        FORWARD,
+        FORWARD,
+        FORWARD,
+    ]
+    assert (
+        played("deadlock-avoidance", ring).decisions.actions.tolist()[2] == MOVE_RIGHT
+    )  # the east comes before the west
 
 
 def test_a_train_without_a_path_stays_off_the_map_and_in_nobodys_way():
@@ -76,7 +87,7 @@ def test_a_train_without_a_path_stays_off_the_map_and_in_nobodys_way():
     for name in ("shortest-path", "planner", "alone"):
         recording = played(name, level)
         assert recording.arrived_at.tolist() == [-1, 1, 1], name
-        assert set(recording.actions[recording.trains == 0].tolist()) == {DO_NOTHING}, name
+        assert set(recording.decisions.actions[recording.decisions.trains == 0].tolist()) == {DO_NOTHING}, name
         assert recording.normalised_return == -22 / 60, name
 
 
@@ -84,8 +95,9 @@ def test_trains_alone_pass_through_each_other():
     recording = played("alone", line((2, EAST, 6), (3, WEST, 0)))
     assert recording.arrived_at.tolist() == [4, 3]
     assert recording.rewards.tolist() == [[-1, -1]] * 3 + [[-1, 0], [1, 1]]
-    assert recording.times.tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4]
+    assert recording.decisions.times.tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4]
     single = line((2, EAST, 6))
     alone, real = played("alone", single), played("shortest-path", single)
-    for name in ("rewards", "arrived_at", "times", "trains", "actions"):
+    for name in ("rewards", "arrived_at"):
         np.testing.assert_array_equal(getattr(alone, name), getattr(real, name), name)
+    assert digest_of(alone.decisions) == digest_of(real.decisions)

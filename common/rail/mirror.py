@@ -1,0 +1,85 @@
+"""A compiled world that repeats what an environment of flatland-rl shows, for what the library itself cannot do."""
+
+from typing import Any
+
+import numpy as np
+from flatland.envs.rail_env import RailEnv
+from flatland.envs.step_utils.states import TrainState
+from numpy.typing import NDArray
+
+from common.levels.distributions import Bounds, Rules
+from common.levels.level import Level
+from common.rail.compiled.arrays import IS_OCCUPIED, NOTHING, NOWHERE
+from common.rail.compiled.world import CompiledWorld
+from common.rail.observations.table import AnyObservation, look
+from common.rail.rewards.table import AnyReward, pay
+
+
+class Mirror:
+    """The state of one environment in the arrays of a compiled world; to be updated after the start and every step."""
+
+    def __init__(  # noqa: PLR0913
+        self,
+        env: RailEnv,
+        level: Level,
+        observation: AnyObservation,
+        rules: Rules,
+        bounds: Bounds | None,
+        reward: AnyReward,
+    ) -> None:
+        self._env: Any = env
+        told: Any = {"rules": rules, "observation": observation, "reward": reward, "bounds": bounds}
+        self._world = CompiledWorld(1, level.n_trains, **told)
+        self._world.load(0, level)
+        cells = self._world.batch.cells[0, : self._world.batch.worlds[0]["cells"]]
+        places = zip(cells["row"].tolist(), cells["column"].tolist(), strict=True)
+        self._numbers = {place: number for number, place in enumerate(places)}
+
+    def update(self) -> None:
+        """Take over what has become of the environment, which plays the level."""
+        env, agents = self._env, self._env.agents
+        world: Any = self._world.batch.worlds[0]
+        world["time"] = env._elapsed_steps  # noqa: SLF001  (there is no other way to ask)
+        world["over"] = env.dones["__all__"]
+        world["all_arrived"] = all(agent.state == TrainState.DONE for agent in agents)
+        cells, codes = self._world.batch.cells[0], self._world.batch.codes[0]
+        cells["train"], cells["waiting"] = NOTHING, 0
+        codes &= ~IS_OCCUPIED
+        for at, agent in enumerate(agents):
+            train = self._world.batch.trains[0, at]
+            self._copy_train(train, agent, int(world["unit"]))
+            if train["config"] != NOWHERE:
+                cell = int(train["config"]) >> 2
+                cells[cell]["train"] = at
+                codes[cell * 4 : cell * 4 + 4] |= IS_OCCUPIED
+            elif agent.state.is_off_map_state():
+                cells[int(train["start"]) >> 2]["waiting"] += 1
+
+    def observe(self, train: int) -> NDArray[np.float32]:
+        """[F]: what a train sees."""
+        parts = self._world.parts()
+        asking = np.zeros_like(parts.deciding)
+        asking[0, train] = True
+        vectors = np.empty((1, self._world.n_features), np.float32)
+        look(parts.batch, parts.sight, parts.observation, asking, vectors)
+        vector: NDArray[np.float32] = vectors[0]
+        return vector
+
+    def rewards(self) -> NDArray[np.float32]:
+        """[N]: what trains are paid for the last step; to be asked once a step."""
+        parts = self._world.parts()
+        rewards = np.zeros(self._world.max_trains, np.float32)
+        pay(parts.batch, 0, rewards, parts.reward)
+        return rewards
+
+    def _copy_train(self, train: np.void, agent: Any, unit: int) -> None:
+        train["state"] = int(agent.state)
+        train["config"] = self._configuration(agent.current_configuration)
+        train["before"] = self._configuration(agent.old_configuration)
+        train["finish"] = self._configuration(agent.target_configuration)
+        train["speed"] = int(agent.speed_counter.speed * unit)
+        train["malfunction"] = agent.malfunction_handler.malfunction_down_counter
+        train["arrived_at"] = NOTHING if agent.arrival_time is None else agent.arrival_time
+
+    def _configuration(self, place: Any) -> int:
+        return NOWHERE if place is None else self._numbers[place[0]] * 4 + int(place[1])

@@ -1,0 +1,45 @@
+"""All observations: settings, compiled code. A new one is a module beside this, its test, and a line in each place."""
+
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Tag
+
+from common.kernel import bare_kernel
+from common.levels.distributions import Bounds, Rules
+from common.rail.compiled.arrays import Batch
+from common.rail.compiled.tree import Sight
+from common.rail.observations.global_map import GlobalObservation, look_at_maps
+from common.rail.observations.local_map import LocalObservation, look_around
+from common.rail.observations.tree import TreeObservation, look_at_trees
+from common.strict import by_kind
+
+AnyObservation = Annotated[
+    Annotated[TreeObservation, Tag("tree")]
+    | Annotated[GlobalObservation, Tag("global")]
+    | Annotated[LocalObservation, Tag("local")],
+    by_kind("tree"),
+]
+
+TREE, GLOBAL, LOCAL = range(3)
+NUMBERS = {"tree": TREE, "global": GLOBAL, "local": LOCAL}
+
+
+def header_of(observation: Any, rules: Rules, bounds: Bounds | None) -> NDArray[np.int64]:
+    """What `look` is told of one of `AnyObservation`: its number here, then its header."""
+    return np.array([NUMBERS[observation.kind], *observation.header(rules, bounds)], np.int64)
+
+
+@bare_kernel
+def look(
+    batch: Batch, sight: Sight, header: NDArray[np.int64], asking: NDArray[np.bool_], vectors: NDArray[np.float32]
+) -> None:
+    """The vectors [K, F] of the K trains that `asking` [E, N] marks, slot after slot; all must be visible."""
+    vectors.reshape(vectors.size)[:] = 0
+    if header[0] == TREE:
+        look_at_trees(batch, sight, header[1:], asking, vectors)
+    elif header[0] == GLOBAL:
+        look_at_maps(batch, sight, header[1:], asking, vectors)
+    elif header[0] == LOCAL:
+        look_around(batch, sight, header[1:], asking, vectors)

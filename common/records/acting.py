@@ -1,0 +1,142 @@
+"""How work is handed out and comes back: questions for work, leases, and fragments of episodes."""
+
+import hashlib
+from typing import Annotated, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from common.levels.distributions import LevelName
+from common.records.base import Array, Count, Name, Record
+from common.records.course import Course
+
+
+class Progressed(Record):
+    """Where an episode stands after its first fragments, so that any actor can go on with it.
+
+    Here are the `actions` of all decisions so far, in the order of (time, train), and the trains' `states`.
+    """
+
+    fragment: Annotated[int, Field(ge=1)]  # the number of the one to come
+    first_step: Annotated[int, Field(ge=1)]
+    actions: Annotated[NDArray[np.int8], Array("int8", ("E",))]
+    states: Annotated[NDArray[np.float32], Array("float32", ("N", "S"))]
+
+
+class Lease(Record):
+    """The right and duty to act an episode, or a fragment of one: all that its outcome depends on but the weights."""
+
+    episode: Count
+    level: LevelName
+    level_seed: Count
+    weights_version: Count
+    epsilon: float = Field(ge=0, le=1)
+    steps: Annotated[int, Field(ge=1)] | None  # at most; None: to the end of the episode
+    progressed: Progressed | None  # None: from the start
+
+    @property
+    def fragment(self) -> int:
+        """The number of the fragment."""
+        return 0 if self.progressed is None else self.progressed.fragment
+
+    @property
+    def first_step(self) -> int:
+        """Steps of the episode before."""
+        return 0 if self.progressed is None else self.progressed.first_step
+
+    @property
+    def unit(self) -> tuple[int, int]:
+        """Episode and fragment: what names a lease in its run."""
+        return self.episode, self.fragment
+
+
+class Circumstances(Record):
+    """What the content of a fragment does not depend on."""
+
+    actor: Name
+    acting_s: float = Field(ge=0)
+    waited_s: float = Field(ge=0)  # for the lease
+
+
+class Fragment(Record):
+    """An episode or a part of one, as an actor publishes it: what it was asked for, and what happened."""
+
+    lease: Lease
+    course: Course
+    circumstances: Circumstances
+
+    @model_validator(mode="after")
+    def _course_answers_lease(self) -> Self:
+        lease, course, steps = self.lease, self.course, len(self.course.rewards)
+        if course.first_step != lease.first_step:
+            raise ValueError(f"course: begins after step {course.first_step}, its lease after {lease.first_step}")
+        if lease.steps is None and not course.over:
+            raise ValueError("course: is not over, its lease covers all of it")
+        if lease.steps is not None and (steps > lease.steps or (steps < lease.steps and not course.over)):
+            raise ValueError(f"course: has {steps} steps, its lease {lease.steps}")
+        return self
+
+    @property
+    def whole(self) -> bool:
+        """This is all of its episode."""
+        return self.course.over and self.course.first_step == 0
+
+    @property
+    def digest(self) -> str:
+        """Hash of everything but the circumstances: who acted and how long it took."""
+        state = hashlib.blake2b(digest_size=16)
+        _take_in(state, "lease", self.lease)
+        _take_in(state, "course", self.course)
+        return state.hexdigest()
+
+
+def digest_of(record: Record) -> str:
+    """Hash of a record: of every field, by its name."""
+    state = hashlib.blake2b(digest_size=16)
+    _take_in(state, "", record)
+    return state.hexdigest()
+
+
+def _take_in(state: Any, name: str, value: Any) -> None:
+    if isinstance(value, Record):
+        for field in type(value).model_fields:
+            _take_in(state, f"{name}.{field}", getattr(value, field))
+        return
+    state.update(f"{name}:".encode())
+    if isinstance(value, np.ndarray):
+        state.update(f"{value.dtype.str}{value.shape}".encode())
+        state.update(np.ascontiguousarray(value).tobytes())
+    else:
+        state.update(repr(value).encode())
+
+
+class LeaseRequest(Record):
+    """An actor asks for work, and says what it still keeps: rows of (episode, fragment)."""
+
+    actor: Name
+    incarnation: Name
+    serves: LevelName  # or any
+    kept: Annotated[NDArray[np.int64], Array("int64", ("K", 2))]
+
+
+class LeaseAnswer(Record):
+    """The learner's answer: perhaps a lease, and what the actor may forget or must publish again."""
+
+    lease: Lease | None
+    safe_before: Count  # episodes below are in a durable snapshot: forget them
+    missing: Annotated[NDArray[np.int64], Array("int64", ("K", 2))]  # kept, but not at the learner: publish them again
+    finished: bool  # every episode is trained
+
+
+class Weights(Record):
+    """The network's parameters after `version` trained fragments."""
+
+    version: Count
+    tensors: dict[Annotated[str, Field(max_length=128)], Annotated[NDArray[np.float32], Array("float32")]]
+
+
+class WeightsRequest(Record):
+    """Asks the learner for one version of the weights."""
+
+    version: Count

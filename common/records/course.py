@@ -1,0 +1,141 @@
+"""What happened in an episode, or in a fragment of one: what players give, learners take and wires carry."""
+
+from collections import namedtuple
+from collections.abc import Sequence
+from typing import Annotated, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from common.records.base import Array, Digest, Record
+
+NONE = -1  # not arrived
+
+
+class Decisions(Record):
+    """D decisions in the order of (time, train). A field here is all that a new number a decision needs on its way.
+
+    Attributes:
+        observations: [D, F].
+        times: [D], steps since the start of the episode.
+        trains: [D].
+        actions: [D].
+        log_probabilities: [D], of the actions; zero for networks of action values.
+        values: [D], of what was observed; zero for networks of action values.
+    """
+
+    observations: Annotated[NDArray[np.float32], Array("float32", ("D", "F"))]
+    times: Annotated[NDArray[np.int32], Array("int32", ("D",))]
+    trains: Annotated[NDArray[np.int32], Array("int32", ("D",))]
+    actions: Annotated[NDArray[np.int8], Array("int8", ("D",))]
+    log_probabilities: Annotated[NDArray[np.float32], Array("float32", ("D",))]
+    values: Annotated[NDArray[np.float32], Array("float32", ("D",))]
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def chosen(self, which: Any) -> "Decisions":
+        """Those that a mask [D], a slice or an array of indices picks."""
+        return Decisions(**{name: getattr(self, name)[which] for name in Decisions.model_fields})
+
+    @classmethod
+    def joined(cls, parts: Sequence["Decisions"]) -> "Decisions":
+        """Those of all parts, one after the other; at least one."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in cls.model_fields})
+
+
+# The same columns as compiled code takes them: arrays without a model around them. No second list of names.
+Columns: Any = namedtuple("Columns", tuple(Decisions.model_fields))  # type: ignore[misc]  # noqa: PYI024
+
+
+def columns(room: int, n_features: int) -> Any:
+    """`Columns` with room for so many decisions."""
+    sizes = {"D": room, "F": n_features}
+    return Columns(
+        **{
+            name: np.empty([sizes[str(letter)] for letter in spec.dims or ()], spec.dtype)
+            for name, spec in Decisions.arrays().items()
+        }
+    )
+
+
+class Course(Record):
+    """What happened in an episode, or in a fragment of one, of T steps.
+
+    Attributes:
+        level_hash: of the level's content.
+        max_steps: the step limit of the level.
+        first_step: steps of the episode before.
+        over: the episode has ended.
+        decisions: those of the T steps.
+        rewards: [T, N], what is learned from; any finite numbers.
+        arrived_at: [N], the step since the start of the episode on which a train arrived, -1 for none so far.
+        final_observations: [N, F], what trains saw that the step limit stopped; else zeros.
+        states: [N, S], what trains carry along; S is 0 but for recurrent networks.
+        score: flatland-rl 4.3.0's own normalised score of a level of its rules, once the episode is over; else None.
+    """
+
+    level_hash: Digest
+    max_steps: Annotated[int, Field(ge=1, le=100_000)]
+    first_step: Annotated[int, Field(ge=0, le=100_000)]
+    over: bool
+    decisions: Decisions
+    rewards: Annotated[NDArray[np.float32], Array("float32", ("T", "N"))]
+    arrived_at: Annotated[NDArray[np.int32], Array("int32", ("N",))]
+    final_observations: Annotated[NDArray[np.float32], Array("float32", ("N", "F"))]
+    states: Annotated[NDArray[np.float32], Array("float32", ("N", "S"))]
+    score: float | None = None
+
+    @model_validator(mode="after")
+    def _indices_hold(self) -> Self:
+        steps, trains = self.rewards.shape
+        end = self.last_step
+        for field, first, limit in (("times", self.first_step, end), ("trains", 0, trains), ("actions", 0, 5)):
+            values = getattr(self.decisions, field)
+            if values.size and (values.min() < first or values.max() >= limit):
+                raise ValueError(f"decisions.{field}: wants values in {first}..{limit - 1}")
+        if not 1 <= steps <= self.max_steps - self.first_step or trains < 1:
+            most = self.max_steps - self.first_step
+            raise ValueError(f"rewards: wants 1..{most} steps of at least one train, got {steps} of {trains}")
+        if self.arrived_at.min() < NONE or self.arrived_at.max() >= end:
+            raise ValueError(f"arrived_at: wants values in -1..{end - 1}")
+        if self.score is not None and not self.over:
+            raise ValueError(f"score: {self.score} of an episode that is not over")
+        return self
+
+    @property
+    def n_trains(self) -> int:
+        return len(self.arrived_at)
+
+    @property
+    def last_step(self) -> int:
+        """Steps of the episode so far."""
+        return self.first_step + len(self.rewards)
+
+    @property
+    def normalised_return(self) -> float:
+        """The study's measure of the episode so far, whatever was learned from; see `normalised_return`."""
+        return normalised_return(self.arrived_at, self.last_step, self.max_steps)
+
+
+def normalised_return(arrived_at: NDArray[np.int32], steps: int, max_steps: int) -> float:
+    """What the study reports: the sum of its rewards over the number of trains times the step limit.
+
+    A train costs 1 for every step before that of its arrival, or for all steps; everyone gets 1 once all have arrived.
+
+    Args:
+        arrived_at: [N], the step of each arrival, counted from 0; -1 for none.
+        steps: how many the episode had.
+        max_steps: the step limit.
+
+    >>> normalised_return(np.array([2, -1]), steps=5, max_steps=10)  # -(2 + 5) / (2 * 10)
+    -0.35
+    >>> normalised_return(np.array([2, 3]), steps=4, max_steps=10)  # (-(2 + 3) + 2) / (2 * 10)
+    -0.15
+    """
+    arrived = arrived_at >= 0
+    total = len(arrived_at) * bool(arrived.all()) - int(np.where(arrived, arrived_at, steps).sum())
+    return total / (len(arrived_at) * max_steps)

@@ -1,0 +1,67 @@
+"""What the command line asks of the processes that score policies: one JSON argument, checked on both ends."""
+
+import sys
+from pathlib import Path
+from typing import Literal, TypeVar
+
+from pydantic import Field
+
+from common.levels.distributions import AnyLevels, LevelName
+from common.rules.settings import Mode
+from common.strict import Strict
+
+Reference = Literal["random", "shortest-path", "deadlock-avoidance", "deadlock-avoidance-entering", "planner", "alone"]
+DRAWING: tuple[Reference, ...] = ("random", "planner")  # references that draw
+ORDERS = 50
+
+R = TypeVar("R", bound=Strict)
+
+
+class LevelChoice(Strict):
+    """What is played: evaluation levels of distributions, or groups of a file.
+
+    Attributes:
+        names: of distributions or groups; None: all there is reason for.
+        own: distributions of a run file, beside those that everybody knows.
+        file: of levels; None: evaluation levels.
+        episodes: evaluation levels of each distribution.
+        seed: of their sequence; 0 is that which all runs are evaluated on.
+        bank: where generated levels may lie ready.
+    """
+
+    names: tuple[str, ...] | None = None
+    own: dict[LevelName, AnyLevels] = Field(default_factory=dict)
+    file: Path | None = None
+    episodes: int = Field(default=100, ge=1)
+    seed: int = Field(default=0, ge=0)
+    bank: Path | None = None
+
+
+class ScoreRequest(Strict):
+    """A checkpoint shall be scored.
+
+    Attributes:
+        checkpoint: its file.
+        mode: how it acts; None: as its run scores it.
+        draws: seed of what is drawn in sampling; None: the run's.
+        levels: what it plays.
+    """
+
+    checkpoint: Path
+    mode: Mode | None = None
+    draws: int | None = Field(default=None, ge=0)
+    levels: LevelChoice
+
+
+class ReferenceRequest(Strict):
+    """A reference policy shall be scored; `orders` are those of trains that the planner tries."""
+
+    policy: Reference
+    draws: int = Field(default=0, ge=0)
+    orders: int = Field(default=ORDERS, ge=1)
+    levels: LevelChoice
+
+
+def asked(model: type[R]) -> R:
+    """The request that is this process's one argument."""
+    return model.model_validate_json(sys.argv[1])

@@ -1,0 +1,32 @@
+"""What update rules can be told: a file a rule, each with a class `Settings`. How they learn is the learner's business.
+
+Actors and evaluators need to know it too: which network acts, and how it explores.
+"""
+
+import importlib
+from functools import cache
+from pathlib import Path
+from typing import cast
+
+from common.rules.settings import RuleSettings
+from common.strict import ConfigError, nearest
+
+_SHARED = ("settings", "replay", "values", "policies")  # what several rules are made of
+
+
+@cache
+def rules() -> tuple[str, ...]:
+    """The names of all update rules."""
+    names = sorted(path.stem for path in Path(__file__).parent.glob("[a-z]*.py"))
+    return tuple(name for name in names if name not in _SHARED)
+
+
+def settings_of(rule: str) -> type[RuleSettings]:
+    """The settings model of a rule.
+
+    Raises:
+        ConfigError: there is no such rule.
+    """
+    if rule not in rules():
+        raise ConfigError(f"unknown rule {rule!r}{nearest(str(rule), list(rules()))}")
+    return cast("type[RuleSettings]", importlib.import_module(f"common.rules.{rule}").Settings)

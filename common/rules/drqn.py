@@ -1,0 +1,27 @@
+"""Settings of the rule `drqn`."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from common.rules.settings import NetworkConfig
+from common.rules.values import DqnConfig, ValueSettings
+
+
+class RecurrentConfig(NetworkConfig):
+    """An LSTM, the first of the widths, then as a dueling network."""
+
+    kind: Literal["recurrent"] = "recurrent"
+
+
+class RecurrentDqnConfig(DqnConfig):
+    """As `DqnConfig`, over sequences (Hausknecht & Stone 2015)."""
+
+    sequence_decisions: int = Field(default=8, ge=1, le=1000)  # of a train, the last of which is learned from
+
+
+class Settings(ValueSettings):
+    """Deep recurrent Q-learning."""
+
+    network: RecurrentConfig = RecurrentConfig()
+    dqn: RecurrentDqnConfig

@@ -1,0 +1,35 @@
+"""What rules share that learn a policy: an actor and a critic, and the clipped updates of both."""
+
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from common.rules.settings import NetworkConfig, RuleSettings
+from common.strict import Positive, Strict
+
+
+class ActorCriticConfig(NetworkConfig):
+    """An actor and a critic that share nothing but their input."""
+
+    kind: Literal["actor-critic"] = "actor-critic"
+
+
+class PpoConfig(Strict):
+    """Proximal policy optimisation (Schulman et al. 2017), its critic clipped as well."""
+
+    learning_rate: Positive
+    epochs: int = Field(ge=1, le=1000)  # updates an episode
+    clip: Positive = 0.2  # of the ratio of probabilities, and of the change of a value
+    value_weight: float = Field(default=0.5, ge=0, allow_inf_nan=False)
+    entropy_weight: float = Field(default=0.01, ge=0, allow_inf_nan=False)
+    max_gradient_norm: Positive = 0.5
+
+
+class PolicySettings(RuleSettings):
+    """The settings of a rule that learns a policy from whole episodes."""
+
+    network: NetworkConfig = ActorCriticConfig()
+    discount: float = Field(default=0.99, gt=0, lt=1)  # a step; returns are scaled by 1 - discount
+    ppo: PpoConfig
+
+    has_probabilities: ClassVar[bool] = True

@@ -1,0 +1,9 @@
+"""Settings of the rule `ppo`."""
+
+from common.rules.policies import ActorCriticConfig, PolicySettings
+
+
+class Settings(PolicySettings):
+    """Proximal policy optimisation on whole episodes."""
+
+    network: ActorCriticConfig = ActorCriticConfig()

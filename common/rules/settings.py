@@ -1,0 +1,48 @@
+"""What every update rule has: a network, a discount, and answers to what the rest of the system asks of it."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
+
+from common.strict import Strict
+
+Mode = Literal["greedy", "sample"]  # how a network is scored
+Widths = Annotated[tuple[Annotated[int, Field(ge=1, le=4096)], ...], Field(min_length=1, max_length=8)]
+
+
+class NetworkConfig(Strict):
+    """Layers of the network that all trains share; rules narrow its kinds down.
+
+    A rule with a torch module of its own has a section of its own here.
+    """
+
+    kind: Literal["plain", "dueling", "recurrent", "actor-critic"] = "plain"
+    hidden: Widths = (128, 128)
+
+
+class RuleSettings(Strict):
+    """The settings of an update rule. Each rule adds its sections, and checks how they go together."""
+
+    network: NetworkConfig
+    discount: float = Field(default=0.99, gt=0, le=1)  # a step
+
+    has_probabilities: ClassVar[bool] = False  # whether the network says how likely an action is
+
+    @property
+    def steps_a_fragment(self) -> int | None:
+        """Environment steps that are acted with the same weights; None: whole episodes."""
+        return None
+
+    def epsilon(self, episode: int, episodes: int) -> float:  # noqa: ARG002  (policies explore by what they are)
+        """The share of random actions in `episode` (0-based) of a run of `episodes`."""
+        return 0.0
+
+    def module(self, n_features: int, n_actions: int, seed: int) -> Any:  # noqa: ARG002
+        """A `torch.nn.Module` of the rule's own to train and to act with; None: that of `network.kind`."""
+        return None
+
+    @classmethod
+    def adapted(cls, preset: Mapping[str, Any], lag: int) -> dict[str, Any]:  # noqa: ARG003
+        """A preset as it is with a lag: without what only serial runs can have."""
+        return dict(preset)

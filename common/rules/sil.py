@@ -1,0 +1,34 @@
+"""Settings of the rule `sil`."""
+
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from common.rules.policies import ActorCriticConfig, PolicySettings
+from common.rules.replay import PrioritizedReplay, check_batch
+from common.strict import Strict
+
+
+class SilConfig(Strict):
+    """Self-imitation learning (Oh et al. 2018), after the updates of `PpoConfig` and with its learning rate."""
+
+    epochs: int = Field(ge=1, le=1000)  # updates an episode
+    batch_size: int = Field(ge=1, le=65536)
+    value_weight: float = Field(default=0.01, ge=0, allow_inf_nan=False)
+
+
+class Settings(PolicySettings):
+    """Self-imitation learning."""
+
+    network: ActorCriticConfig = ActorCriticConfig()
+    sil: SilConfig
+    replay: PrioritizedReplay
+
+    @model_validator(mode="after")
+    def _replay_fits(self) -> Self:
+        check_batch("sil.batch_size", self.sil.batch_size, self.replay)
+        if self.replay.beta != 0:
+            raise ValueError(
+                f"replay.beta {self.replay.beta:g}: self-imitation is to favour what turned out well, make it 0"
+            )
+        return self

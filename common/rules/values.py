@@ -1,0 +1,67 @@
+"""What rules share that learn action values: replay, exploration, and learning within an episode."""
+
+from collections.abc import Mapping
+from typing import Any, Self
+
+from pydantic import Field, model_validator
+
+from common.rules.replay import AnyReplay, check_batch
+from common.rules.settings import RuleSettings
+from common.strict import Positive, Share, Strict
+
+
+class DqnConfig(Strict):
+    """Deep Q-learning and its variants (Mnih et al. 2015)."""
+
+    learning_rate: Positive
+    batch_size: int = Field(ge=1, le=65536)
+    learn_every_steps: int = Field(ge=1)  # environment steps between two updates
+    target_tau: Share | None = None  # share of the online network that the target takes per update; None: no target
+    double: bool = False  # the online network picks, the target network scores (van Hasselt et al. 2016)
+
+    @model_validator(mode="after")
+    def _double_has_a_target(self) -> Self:
+        if self.double and self.target_tau is None:
+            raise ValueError("double needs a target network: set target_tau")
+        return self
+
+
+class ExplorationConfig(Strict):
+    """Epsilon-greedy: epsilon falls geometrically over `decay_share` of the episodes."""
+
+    epsilon_start: float = Field(default=0.9, ge=0, le=1)
+    epsilon_end: float = Field(default=0.01, gt=0, le=1)
+    decay_share: Share = 0.5
+
+    def epsilon(self, episode: int, episodes: int) -> float:
+        """The share of random actions in `episode` (0-based) of a run of `episodes`."""
+        if self.epsilon_start <= self.epsilon_end:
+            return self.epsilon_start
+        progress = min(1.0, episode / max(1.0, episodes * self.decay_share))
+        return float(self.epsilon_start * (self.epsilon_end / self.epsilon_start) ** progress)
+
+
+class ValueSettings(RuleSettings):
+    """The settings of a rule that learns action values from a replay."""
+
+    dqn: DqnConfig
+    replay: AnyReplay
+    exploration: ExplorationConfig = ExplorationConfig()
+    fragment_steps: int | None = Field(default=None, ge=1)  # acted with the same weights; None: whole episodes
+
+    @model_validator(mode="after")
+    def _batches_fit_in_replay(self) -> Self:
+        check_batch("dqn.batch_size", self.dqn.batch_size, self.replay)
+        return self
+
+    @property
+    def steps_a_fragment(self) -> int | None:
+        return self.fragment_steps
+
+    def epsilon(self, episode: int, episodes: int) -> float:
+        return self.exploration.epsilon(episode, episodes)
+
+    @classmethod
+    def adapted(cls, preset: Mapping[str, Any], lag: int) -> dict[str, Any]:
+        """Several episodes at a time are whole ones."""
+        return {key: value for key, value in preset.items() if not (lag and key == "fragment_steps")}

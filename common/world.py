@@ -1,0 +1,68 @@
+"""The world of a run, resolved once: its levels by name, what trains see, where they decide, and what they are paid.
+
+Level supply, engines and learner all get it from here. A checkpoint carries it.
+"""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator
+
+from common.levels.distributions import ANY, AnyLevels, Bounds, LevelName, shipped
+from common.rail.observations.table import AnyObservation
+from common.rail.observations.tree import TreeObservation
+from common.rail.rewards.study import StudyReward
+from common.rail.rewards.table import AnyReward
+from common.strict import ConfigError, Strict, nearest
+
+Decisions = Literal["cells", "legacy", "always"]  # see `common.rail.compiled.decisions`
+
+
+class WorldSpec(Strict):
+    """Everything that a learning curve depends on but the learning."""
+
+    levels: Annotated[dict[LevelName, AnyLevels], Field(min_length=1)]
+    observation: AnyObservation = TreeObservation()
+    decisions: Decisions = "cells"
+    reward: AnyReward = StudyReward()
+
+    @field_validator("levels")
+    @classmethod
+    def _any_is_no_name(cls, levels: Any) -> Any:
+        if ANY in levels:
+            raise ValueError(f"{ANY} is what actors serve that serve all levels: choose another name")
+        return levels
+
+    @property
+    def bounds(self) -> Bounds:
+        """The most that any of its levels has."""
+        each = [levels.bounds for levels in self.levels.values()]
+        return Bounds(*(max(sizes) for sizes in zip(*each, strict=True)))
+
+    @property
+    def n_features(self) -> int:
+        """F, of what trains see."""
+        return self.observation.n_features(self.bounds)
+
+
+def study_world() -> WorldSpec:
+    """All that ships, under the study's conditions."""
+    return WorldSpec(levels=dict(shipped()))
+
+
+def chosen_levels(names: Any, own: Any) -> dict[str, Any]:
+    """The distributions of these names, out of a run file's own and those that ship.
+
+    Raises:
+        ConfigError: there is none of a name, or the run file's are none.
+    """
+    if not isinstance(own, dict):
+        raise ConfigError(f"levels: input should be a valid dictionary, not {own!r}")
+    ours = {name: levels.model_dump(mode="json") for name, levels in shipped().items()}
+    for name in ours.keys() & own.keys():
+        if own[name] != ours[name]:
+            raise ConfigError(f"levels.{name}: these levels ship with the project, give yours another name")
+    known = ours | own
+    for name in names:
+        if name not in known:
+            raise ConfigError(f"unknown level {name!r}{nearest(str(name), [str(each) for each in known])}")
+    return {name: known[name] for name in names}

@@ -1,0 +1,242 @@
+"""The desk: who gets which lease, who waits, and which fragments are taken.
+
+Pure: events and times come in, answers go out; no clock, no bus, no disk. The desk believes only what it leased, and
+only from whom it leased it. Living actors may keep fragments that an earlier learner process leased, of which the desk
+remembers nothing: it takes these, and compares their leases with its own once all that comes before is trained.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from common.records.acting import Fragment, Lease, LeaseAnswer, LeaseRequest, digest_of
+from common.records.base import Record
+from services.learner.ledger import Ledger, Unit
+from services.learner.opened import OpenEpisode
+from services.learner.replay.transitions import check_order
+from services.learner.schedule import Schedule
+
+Q = TypeVar("Q")
+
+LONG_POLL_S = 2.0  # an answer without work goes out after this
+STORY_EVENTS = 200
+
+
+class Reply(NamedTuple, Generic[Q]):
+    """What becomes of a question; without an answer nobody waits for it any more."""
+
+    question: Q
+    answer: LeaseAnswer | None
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a run goes on.
+
+    Attributes:
+        trained: how many episodes.
+        version: of the weights.
+        steps: environment steps of all trained episodes.
+        fragments: of the open episode, trained already.
+    """
+
+    trained: int = 0
+    version: int = 0
+    steps: int = 0
+    fragments: Sequence[Fragment] = ()
+
+
+class _Parked(NamedTuple, Generic[Q]):
+    question: Q
+    serves: str
+    deadline: float
+
+
+class Desk(Generic[Q]):
+    """Leases of a run. `Q` is whatever the caller answers questions by.
+
+    Attributes:
+        ledger: the account of all episodes.
+        opened: the episode that is being trained, as far as it is.
+        refused: fragments that were not taken.
+        safe_before: episodes below this number are in a snapshot.
+        story: what happened last, for post-mortems.
+    """
+
+    def __init__(self, schedule: Schedule, n_features: int, start: Start | None = None) -> None:
+        """`n_features` is what the network takes."""
+        start = start or Start()
+        self._schedule = schedule
+        self._n_features = n_features
+        self._steps = start.steps
+        self.opened = OpenEpisode(list(start.fragments))
+        self.ledger = Ledger(schedule.levels, schedule.lag, start.trained, len(start.fragments), start.version)
+        self.refused = 0
+        self.safe_before = start.trained
+        self.story: deque[str] = deque(maxlen=STORY_EVENTS)
+        self._names: dict[str, str] = {}  # of living actors, by incarnation
+        self._given: dict[Unit, Lease] = {}
+        self._spoiled: set[tuple[str, Unit]] = set()  # who keeps what was refused
+        self._parked: dict[str, _Parked[Q]] = {}  # by incarnation
+
+    def actor_came(self, name: str, incarnation: str) -> None:
+        """An actor lives."""
+        self._note(f"{name} {incarnation} came")
+        self._names[incarnation] = name
+        self.ledger.actor_came(incarnation)
+
+    def actor_gone(self, incarnation: str) -> list[Reply[Q]]:
+        """An actor died; what it had leased waits again, and nobody waits for its answer."""
+        self._note(f"{self._names.pop(incarnation, '?')} {incarnation} is gone")
+        self._spoiled = {(who, unit) for who, unit in self._spoiled if who != incarnation}
+        self.ledger.actor_gone(incarnation)
+        return self._unpark(incarnation)
+
+    def ask(self, question: Q, request: LeaseRequest, now: float) -> list[Reply[Q]]:
+        """An actor asks for work: it is answered at once if it must publish something again, else from `give`."""
+        who = request.incarnation
+        replies = self._unpark(who)
+        kept = [(episode, fragment) for episode, fragment in request.kept.tolist()]
+        missing = self.ledger.missing(who, [unit for unit in kept if (who, unit) not in self._spoiled])
+        if missing:
+            self._note(f"{request.actor} must publish again: {missing}")
+            return [*replies, Reply(question, self._answer(None, missing))]
+        self._parked[who] = _Parked(question, request.serves, now + LONG_POLL_S)
+        return replies
+
+    def give(self, now: float, *, paused: bool = False) -> list[Reply[Q]]:
+        """Answers for those who wait: leases, or nothing for those who have waited long enough."""
+        replies = []
+        for who, parked in list(self._parked.items()):
+            unit = None if paused else self.ledger.grant(who, parked.serves)
+            if unit is not None or now >= parked.deadline:
+                del self._parked[who]
+                replies.append(Reply(parked.question, self._answer(None if unit is None else self._give(who, unit))))
+        return replies
+
+    def arrive(self, fragment: Fragment) -> str | None:
+        """Take a fragment in; returns why not, or None also for one that is here already."""
+        lease, unit = fragment.lease, fragment.lease.unit
+        if lease.episode >= self.ledger.total:
+            return self._refuse(fragment, f"this run has {self.ledger.total} episodes")
+        if not self.ledger.is_to_come(unit):
+            self.ledger.receive(fragment)
+            self._note(f"{_named(fragment)} came once more")
+            return None
+        who = self.ledger.lessee(unit)
+        if who is None:
+            return self._refuse(fragment, "nobody has leased it")
+        if (name := self._names.get(who)) != fragment.circumstances.actor:
+            return self._refuse(fragment, f"it is leased to {name}")
+        if (reason := self._wrong(fragment)) is not None:
+            self._spoil(who, unit)
+            self.ledger.end_lease(unit)
+            return self._refuse(fragment, reason)
+        self.ledger.receive(fragment)
+        self._note(f"{_named(fragment)} came")
+        return None
+
+    def next_ready(self) -> Fragment | None:
+        """What is to be trained now, if it is here and as it must be."""
+        fragment = self.ledger.next_ready()
+        if fragment is None or fragment.lease.unit in self._given:
+            return fragment
+        if (reason := difference(fragment.lease, self._lease(fragment.lease.unit))) is None:
+            return fragment
+        if (who := self.ledger.discard()) is not None:
+            self._spoil(who, fragment.lease.unit)
+        self._refuse(fragment, reason)
+        return None
+
+    def mark_trained(self) -> OpenEpisode | None:
+        """What `next_ready` gave is trained; returns its episode if that is over."""
+        fragment = self.ledger.next_ready()
+        if fragment is None:
+            raise ValueError("nothing was ready to be trained")
+        self._given.pop(fragment.lease.unit, None)
+        self.ledger.mark_trained()
+        self.opened.fragments.append(fragment)
+        if not fragment.course.over:
+            return None
+        episode, self.opened = self.opened, OpenEpisode()
+        self._steps += episode.steps
+        return episode
+
+    def _wrong(self, fragment: Fragment) -> str | None:
+        lease, features = fragment.lease, fragment.course.decisions.observations.shape[1]
+        given = self._given.get(lease.unit)
+        if given is not None and (reason := difference(lease, given)) is not None:
+            return reason
+        if features != self._n_features:
+            return f"observations have {features} features, the network takes {self._n_features}"
+        try:
+            check_order(fragment)
+        except ValueError as reason:
+            return str(reason)
+        return None
+
+    def _refuse(self, fragment: Fragment, reason: str) -> str:
+        self.refused += 1
+        text = f"refused {_named(fragment)}: {reason}"
+        self._note(text)
+        return text
+
+    def _spoil(self, who: str, unit: Unit) -> None:
+        """Nobody asks for this one again; it is acted anew."""
+        self._given.pop(unit, None)
+        self._spoiled.add((who, unit))
+
+    def _give(self, who: str, unit: Unit) -> Lease:
+        self._spoiled.discard((who, unit))
+        lease = self._given[unit] = self._lease(unit)
+        self._note(f"episode {unit[0]}, fragment {unit[1]} is leased to {self._names.get(who)}")
+        return lease
+
+    def _lease(self, unit: Unit) -> Lease:
+        episode, fragment = unit
+        opened = self.opened if fragment > 0 and episode == self.ledger.trained else OpenEpisode()
+        every = self._schedule.fragment_steps  # cut where the run's steps are its multiples: there updates fall due
+        return Lease(
+            episode=episode,
+            level=self._schedule.levels[episode],
+            level_seed=self._schedule.level_seed(episode),
+            weights_version=self.ledger.weights_version(episode),
+            epsilon=self._schedule.epsilon(episode),
+            steps=None if every is None else every - (self._steps + opened.steps) % every,
+            progressed=opened.progressed,
+        )
+
+    def _answer(self, lease: Lease | None, missing: Sequence[Unit] = ()) -> LeaseAnswer:
+        return LeaseAnswer(
+            lease=lease,
+            missing=np.array(missing, np.int64).reshape(-1, 2),
+            safe_before=self.safe_before,
+            finished=self.ledger.finished,
+        )
+
+    def _unpark(self, incarnation: str) -> list[Reply[Q]]:
+        parked = self._parked.pop(incarnation, None)
+        return [] if parked is None else [Reply(parked.question, None)]
+
+    def _note(self, event: str) -> None:
+        self.story.append(event)
+
+
+def difference(got: Lease, leased: Lease) -> str | None:
+    """The first field in which a lease that came back differs from what was leased."""
+    for field in Lease.model_fields:
+        ours, theirs = getattr(leased, field), getattr(got, field)
+        if isinstance(ours, Record) and isinstance(theirs, Record):
+            if digest_of(ours) != digest_of(theirs):
+                return f"{field} is not what its lease says"
+        elif ours != theirs:
+            return f"{field} is {theirs}, its lease says {ours}"
+    return None
+
+
+def _named(fragment: Fragment) -> str:
+    lease = fragment.lease
+    return f"episode {lease.episode}, fragment {lease.fragment} of {fragment.circumstances.actor}"

@@ -1,0 +1,219 @@
+"""The desk: who gets which lease, who waits and for how long, and what is refused."""
+
+import numpy as np
+import pytest
+from made_episodes import answer_to, edited
+
+from common.records.acting import LeaseRequest
+from services.learner.desk import LONG_POLL_S, STORY_EVENTS, Desk, Reply, Start
+from services.learner.schedule import Schedule
+
+NOW = 100.0
+
+
+def schedule(levels=("easy",) * 4, **changes):
+    fields = {"level_seed": lambda episode: 1000 + episode, "epsilon": lambda episode: 1 / (1 + episode)}
+    return Schedule(**{"levels": levels} | fields | changes)
+
+
+def desk(*actors, start=None, **changes):
+    made = Desk(schedule(**changes), n_features=1, start=start)
+    for actor in actors:
+        made.actor_came(actor, f"{actor}-1")
+    return made
+
+
+def request(actor, kept=(), serves="any"):
+    units = np.array(kept, np.int64).reshape(-1, 2)
+    return LeaseRequest(actor=actor, incarnation=f"{actor}-1", serves=serves, kept=units)
+
+
+def lease(made, actor, kept=()):
+    """What an actor that asks is leased at once."""
+    assert made.ask(f"{actor} asks", request(actor, kept), NOW) == []
+    replies = [reply for reply in made.give(NOW) if reply.question == f"{actor} asks"]
+    return replies[0].answer.lease if replies else None
+
+
+def train(made):
+    assert made.next_ready() is not None
+    return made.mark_trained()
+
+
+def test_a_lease_says_all_that_an_episode_depends_on():
+    made = desk("a", "b", lag=1)
+    first, second = lease(made, "a"), lease(made, "b")
+    assert (first.episode, first.level, first.level_seed, first.epsilon) == (0, "easy", 1000, 1.0)
+    assert (second.episode, second.level_seed, second.epsilon, second.weights_version) == (1, 1001, 0.5, 0)
+    assert (first.steps, first.progressed) == (None, None)
+
+
+def test_who_cannot_be_served_waits_until_there_is_work():
+    made = desk("a", "b")
+    first = lease(made, "a")
+    assert lease(made, "b") is None
+    assert made.give(NOW + LONG_POLL_S - 0.1) == []
+    assert made.arrive(answer_to(first, actor="a")) is None
+    assert train(made).steps == 2
+    [(question, answer)] = made.give(NOW + LONG_POLL_S - 0.1)
+    assert (question, answer.lease.episode, answer.lease.weights_version) == ("b asks", 1, 1)
+
+
+def test_who_has_waited_long_enough_is_answered_without_work():
+    made = desk("a", "b")
+    lease(made, "a")
+    lease(made, "b")
+    [(question, answer)] = made.give(NOW + LONG_POLL_S)
+    assert (question, answer.lease, answer.finished, answer.safe_before) == ("b asks", None, False, 0)
+    assert made.give(NOW + 9 * LONG_POLL_S) == []
+
+
+def test_nothing_is_leased_while_the_run_is_paused():
+    made = desk("a")
+    made.ask("a asks", request("a"), NOW)
+    assert made.give(NOW, paused=True) == []
+    assert made.give(NOW + LONG_POLL_S, paused=True)[0].answer.lease is None
+
+
+def test_a_question_asked_again_or_by_a_dead_actor_is_dropped():
+    made = desk("a", "b")
+    lease(made, "a")
+    made.ask("first", request("b"), NOW)
+    assert made.ask("second", request("b"), NOW) == [Reply("first", None)]
+    assert made.actor_gone("b-1") == [Reply("second", None)]
+    assert made.actor_gone("b-1") == []
+
+
+def test_actors_get_only_what_they_serve():
+    made = desk("a", "b", levels=("easy", "rush"), lag=1)
+    made.ask("a asks", request("a", serves="rush"), NOW)
+    made.ask("b asks", request("b", serves="hard"), NOW)
+    assert [(question, answer.lease.episode) for question, answer in made.give(NOW)] == [("a asks", 1)]
+    assert made.ledger.waiting() == {"easy": 1}
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"weights_version": 3}, "weights_version is 3, its lease says 0"),
+        ({"level": "hard"}, "level is hard, its lease says easy"),
+        ({"level_seed": 5}, "level_seed is 5, its lease says 1000"),
+        ({"epsilon": 0.5}, "epsilon is 0.5, its lease says 1.0"),
+        ({"observations": np.zeros((2, 3), np.float32)}, "observations have 3 features, the network takes 1"),
+        ({"times": np.zeros(2, np.int32)}, "episode 0: decisions are not in the order of (time, train)"),
+        ({"arrived_at": np.zeros(1, np.int32)}, "episode 0: a train decides after its arrival"),
+    ],
+)
+def test_what_is_not_as_leased_is_refused_and_leased_anew(change, reason):
+    made = desk("a")
+    fragment = answer_to(lease(made, "a"), actor="a")
+    refusal = made.arrive(edited(fragment, **change))
+    assert refusal == f"refused episode 0, fragment 0 of a: {reason}"
+    assert (made.refused, made.story[-1]) == (1, refusal)
+    assert lease(made, "a", kept=[(0, 0)]).episode == 0  # it is not asked for, though the actor keeps it
+    assert made.arrive(fragment) is None
+    train(made)
+
+
+def test_what_nobody_has_leased_is_refused():
+    made, other = desk("a"), desk("a")
+    fragment = answer_to(lease(other, "a"), actor="a")
+    assert made.arrive(fragment) == "refused episode 0, fragment 0 of a: nobody has leased it"
+    assert made.arrive(edited(fragment, episode=4)).endswith("this run has 4 episodes")
+    assert (made.refused, made.next_ready()) == (2, None)
+
+
+def test_what_is_leased_to_somebody_else_is_refused_and_stays_leased():
+    made = desk("a", "b")
+    first = lease(made, "a")
+    assert made.arrive(answer_to(first, actor="b")).endswith("it is leased to a")
+    assert made.ledger.lessee((0, 0)) == "a-1"
+    assert made.arrive(answer_to(first, actor="a")) is None
+    train(made)
+
+
+def test_the_last_words_of_a_dead_actor_are_refused_and_its_heir_delivers():
+    made = desk("a", "b")
+    first = lease(made, "a")
+    made.actor_gone("a-1")
+    assert made.arrive(answer_to(first, actor="a")).endswith("nobody has leased it")
+    second = lease(made, "b")
+    assert made.arrive(answer_to(first, actor="a")).endswith("it is leased to b")
+    assert made.arrive(answer_to(second, actor="b")) is None
+
+
+def test_a_copy_is_dropped_without_a_word():
+    made = desk("a")
+    fragment = answer_to(lease(made, "a"), actor="a")
+    assert made.arrive(fragment) is None
+    assert made.arrive(fragment) is None
+    train(made)
+    assert made.arrive(fragment) is None
+    assert (made.ledger.duplicates, made.refused) == (2, 0)
+
+
+def test_a_kept_fragment_that_got_lost_is_asked_for():
+    made = desk("a")
+    fragment = answer_to(lease(made, "a"), actor="a")
+    [(question, answer)] = made.ask("again", request("a", [(0, 0)]), NOW)
+    assert (question, answer.lease, answer.missing.tolist()) == ("again", None, [[0, 0]])
+    assert made.arrive(fragment) is None
+    train(made)
+
+
+def test_leases_of_an_earlier_learner_are_taken_on_trust_until_their_turn():
+    before = desk("a", "b", lag=1)
+    zero, one = answer_to(lease(before, "a"), actor="a"), answer_to(lease(before, "b"), actor="b")
+    made = desk("a", "b", lag=1)
+    made.ask("b asks", request("b", [(1, 0)]), NOW)
+    assert made.arrive(edited(one, weights_version=1)) is None
+    made.ask("a asks", request("a", [(0, 0)]), NOW)
+    assert made.arrive(zero) is None
+    train(made)
+    assert made.next_ready() is None
+    assert made.story[-1] == "refused episode 1, fragment 0 of b: weights_version is 1, its lease says 0"
+    assert lease(made, "b", kept=[(1, 0)]).episode == 1
+    assert made.arrive(one) is None
+    train(made)
+
+
+def test_fragments_end_where_the_steps_of_the_run_are_multiples_and_carry_what_is_before():
+    made = desk("a", fragment_steps=4, start=Start(trained=1, version=3, steps=10))
+    assert made.ledger.trained == made.safe_before == 1
+    first = lease(made, "a")
+    assert (first.unit, first.steps, first.weights_version) == ((1, 0), 2, 3)
+    assert made.arrive(answer_to(first, actor="a", over=False)) is None
+    assert train(made) is None
+    second = lease(made, "a")
+    assert (second.unit, second.steps, second.first_step, second.weights_version) == ((1, 1), 4, 2, 4)
+    assert second.progressed.actions.tolist() == [0, 0]
+    assert made.arrive(answer_to(second, actor="a", steps=3, over=True)) is None
+    episode = train(made)
+    assert (episode.steps, [fragment.lease.unit for fragment in episode.fragments]) == (5, [(1, 0), (1, 1)])
+    third = lease(made, "a")
+    assert (third.unit, third.steps) == ((2, 0), 1)  # 15 steps are over
+
+
+def test_a_desk_goes_on_within_an_episode():
+    before = desk("a", fragment_steps=4)
+    fragment = answer_to(lease(before, "a"), actor="a", over=False)
+    before.arrive(fragment)
+    train(before)
+    made = desk("b", fragment_steps=4, start=Start(version=1, fragments=[fragment]))
+    again = lease(made, "b")
+    assert (again.unit, again.first_step, again.weights_version) == ((0, 1), 4, 1)
+    assert again.progressed.actions.tolist() == [0] * 4
+
+
+def test_nothing_can_be_trained_before_it_is_there():
+    with pytest.raises(ValueError, match="nothing was ready"):
+        desk("a").mark_trained()
+
+
+def test_the_story_is_short():
+    made = desk()
+    for number in range(STORY_EVENTS):
+        made.actor_came(f"actor-{number}", f"incarnation-{number}")
+        made.actor_gone(f"incarnation-{number}")
+    assert len(made.story) == STORY_EVENTS
+    assert made.story[-1] == f"actor-{STORY_EVENTS - 1} incarnation-{STORY_EVENTS - 1} is gone"
