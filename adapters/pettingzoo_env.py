@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from common.levels.distributions import shipped
-from common.levels.legacy import SPECS
 from common.levels.level import Level
 from common.levels.supply import LevelSupply
 from common.rail.compiled.decisions import Decisions
@@ -84,7 +83,7 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
         if decisions not in get_args(Decisions):
             raise ValueError(f"unknown decisions {decisions}{nearest(decisions, list(get_args(Decisions)))}")
         self.difficulty = _known(difficulty)
-        self.possible_agents = [f"train_{train}" for train in range(SPECS[difficulty].trains)]
+        self.possible_agents = [f"train_{train}" for train in range(shipped()[difficulty].trains)]
         self.agents: list[str] = []
         self.level: Level | None = None
         observation = TreeObservation(depth=depth)

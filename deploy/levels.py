@@ -1,9 +1,17 @@
 """Level distributions that the command line knows: those that ship, and those of a run file."""
 
+import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from common.levels.distributions import AnyLevels, shipped
+from common.levels.held_out import is_prepared
+from common.levels.requests import PrepareRequest, Request
 from deploy.resolve import read_file, world_of
+from deploy.task import run_task
+
+TASKS = "tools.levels.tasks"  # the process that does what needs flatland
 
 
 def levels_of_run_file(path: Path) -> dict[str, AnyLevels]:
@@ -23,3 +31,23 @@ def known_levels(path: Path | None) -> dict[str, AnyLevels]:
         ConfigError: as `levels_of_run_file`.
     """
     return {**shipped(), **(levels_of_run_file(path) if path else {})}
+
+
+def prepare_levels(levels: Mapping[str, AnyLevels], bank: Path, processes: int) -> None:
+    """Find out what these distributions hold out, with progress; nothing happens if the bank knows.
+
+    Raises:
+        ConfigError: one of them cannot be used.
+        Failed: the bank cannot be used.
+    """
+    unknown = {name: found for name, found in levels.items() if not is_prepared(bank, found)}
+    if unknown:
+        ask(PrepareRequest(bank=bank, levels=unknown, processes=processes))
+
+
+def ask(request: Request) -> dict[str, Any]:
+    """Have something done with levels in a process that may import flatland; raises as `run_task`."""
+    with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
+        file.write(request.model_dump_json())
+        file.flush()
+        return run_task(TASKS, file.name)

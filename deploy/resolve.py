@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from common.config import MAX_ACTORS, RunConfig, home_of, parse_config, upgraded
 from common.levels.distributions import shipped
+from common.levels.own import with_files_read
 from common.rules import settings_of
 from common.strict import ConfigError, describe, flat, nearest, section_of, shortened
 from common.world import WorldSpec, chosen_levels
@@ -85,9 +86,10 @@ def world_of(data: Plain, base: Path) -> WorldSpec:
         ConfigError: something in it is wrong, or a file cannot be read.
     """
     try:
-        return WorldSpec.model_validate(data)
+        world = WorldSpec.model_validate(data)
     except ValidationError as error:
         raise ConfigError(describe(error, WorldSpec)) from None
+    return world.model_copy(update={"levels": with_files_read(world.levels, base)})
 
 
 def resolve_existing(saved: RunConfig, given: Plain, name: str, base: Path = Path()) -> RunConfig:

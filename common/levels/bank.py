@@ -1,14 +1,13 @@
-"""The level bank: generated levels on disk, shared by all processes. It is a cache of `legacy.generate`, no more.
+"""The level bank: generated levels on disk, shared by all processes. It is a cache of the generators, no more.
 
-A bank is a folder of immutable chunks (see `common.levels.chunks`), a subfolder a difficulty. Builders only ever add
-files, so a reader needs no lock; it sees what was there when it looked (`refresh` looks again).
+A bank is a folder of immutable chunks (see `common.levels.chunks`), a subfolder a distribution (see `key_of`).
+Builders only ever add files, so a reader needs no lock; it sees what was there when it looked (`refresh` looks again).
 """
 
 import os
 from pathlib import Path
 
 from common.levels.chunks import SUFFIX, Chunk
-from common.levels.distributions import shipped
 from common.levels.level import Level
 
 
@@ -28,7 +27,7 @@ class LevelBank:
         """
         self.root = root
         self._chunks: dict[Path, Chunk] = {}
-        self._places: dict[str, dict[int, tuple[Chunk, int]]] = {name: {} for name in list(shipped())}
+        self._places: dict[str, dict[int, tuple[Chunk, int]]] = {}
         self.refresh()
 
     def refresh(self) -> None:
@@ -37,30 +36,34 @@ class LevelBank:
         Raises:
             BankError: one of them cannot be used.
         """
-        for difficulty in list(shipped()):
-            places = self._places[difficulty]
-            for path in sorted((self.root / difficulty).glob(f"[!.]*{SUFFIX}")):
-                if path not in self._chunks:
-                    chunk = self._chunks[path] = Chunk(path, difficulty)
-                    places.update((seed, (chunk, row)) for row, seed in enumerate(chunk.seeds))
+        for path in sorted(self.root.glob(f"[!.]*/[!.]*{SUFFIX}")):
+            if path not in self._chunks:
+                key = path.parent.name
+                chunk = self._chunks[path] = Chunk(path, key)
+                places = self._places.setdefault(key, {})
+                places.update((seed, (chunk, row)) for row, seed in enumerate(chunk.seeds))
 
-    def get(self, difficulty: str, seed: int) -> Level | None:
-        """The level that `legacy.generate` makes of this seed, if it is here.
+    def get(self, key: str, seed: int) -> Level | None:
+        """The level that the generator makes of this seed, if it is here.
 
         Raises:
             BankError: its file is damaged.
         """
-        place = self._places[difficulty].get(seed)
+        place = self._places.get(key, {}).get(seed)
         return None if place is None else place[0].level(place[1])
 
     def chunks(self) -> list[Chunk]:
-        """All chunks, difficulty by difficulty."""
+        """All chunks, distribution by distribution."""
         return list(self._chunks.values())
 
-    def seeds(self, difficulty: str) -> frozenset[int]:
-        """The seeds whose levels are here."""
-        return frozenset(self._places[difficulty])
+    def keys(self) -> list[str]:
+        """The distributions of which there are levels, as `key_of` names them."""
+        return list(self._places)
 
-    def holds(self, difficulty: str, seed: int) -> bool:
+    def seeds(self, key: str) -> frozenset[int]:
+        """The seeds whose levels are here."""
+        return frozenset(self._places.get(key, ()))
+
+    def holds(self, key: str, seed: int) -> bool:
         """Whether the level of this seed is here."""
-        return seed in self._places[difficulty]
+        return seed in self._places.get(key, ())

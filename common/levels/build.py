@@ -1,6 +1,6 @@
 """Filling a level bank, with any number of processes and builders at once; `python -m common.levels.build` is a worker.
 
-A request (a difficulty and seeds) is cut into chunks in the same way by everybody. A worker goes through them, skips
+A request (a distribution and seeds) is cut into chunks in the same way by everybody. A worker goes through them, skips
 those whose files are there, claims one by a lock that the kernel frees when its holder dies, generates its levels and
 puts the file in place. So workers need not know of each other, a kill at any point loses no more than the chunks in
 hand, and building the same again only adds what is missing.
@@ -9,24 +9,39 @@ hand, and building the same again only adds what is missing.
 import argparse
 import fcntl
 import gc
-import json
 import os
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
 
 from common.interpreter import run_module
 from common.levels.bank import LevelBank
-from common.levels.chunks import BankError, chunk_name, write_chunk
-from common.levels.held_out import TRIES, is_held_out, retry_seed
-from common.levels.level import Level
+from common.levels.chunks import BankError, chunk_name, key_of, write_chunk
+from common.levels.distributions import Generated, LegacyLevels, StockLevels
+from common.levels.generate import InfeasibleLevelError, generate
+from common.levels.held_out import TRIES, HeldOut, retry_seed
+from common.strict import Strict
 
-CHUNK_LEVELS = 128
+CHUNK_LEVELS = 128  # at most
+CHUNK_WORK = CHUNK_LEVELS * 25 * 25 * 7  # cells times trains of a chunk: a kill shall never lose more than a minute
+INFEASIBLE = "infeasible: "  # begins the last line of a worker whose seed has no level
 WAIT_S = 0.1  # for chunks that another builder has in hand
+
+
+class Request(Strict):
+    """What a worker is asked for."""
+
+    root: Path
+    levels: Annotated[LegacyLevels | StockLevels, Field(discriminator="rules")]
+    seeds: list[int]
 
 
 @dataclass(frozen=True)
@@ -49,7 +64,7 @@ OnProgress = Callable[[Progress], None]
 
 def build(
     root: Path,
-    difficulty: str,
+    levels: Generated,
     seeds: Sequence[int],
     processes: int = 1,
     on_progress: OnProgress = lambda _progress: None,
@@ -58,22 +73,23 @@ def build(
 
     Args:
         root: the bank's folder.
-        difficulty: of all levels.
+        levels: the distribution.
         seeds: of the generator.
         processes: to build with; 1 builds in this one.
         on_progress: called at the start and after every chunk.
 
     Raises:
         BankError: the bank is damaged, or a worker failed.
+        InfeasibleLevelError: a seed has no level.
     """
-    bank = LevelBank(root)
+    bank, key = LevelBank(root), key_of(levels)
     wanted = list(dict.fromkeys(seeds))
-    missing = sum(not bank.holds(difficulty, seed) for seed in wanted)
+    missing = sum(not bank.holds(key, seed) for seed in wanted)
     done, begin = len(wanted) - missing, time.monotonic()
     on_progress(Progress(done, len(wanted), 0.0 if missing == 0 else None))
     if missing == 0:
         return 0
-    for count in _run(root, difficulty, wanted, min(processes, missing // CHUNK_LEVELS + 1)):
+    for count in _run(root, levels, wanted, min(processes, missing // chunk_levels(levels) + 1)):
         done = min(done + count, len(wanted))
         speed = (done - len(wanted) + missing) / max(time.monotonic() - begin, 1e-9)
         on_progress(Progress(done, len(wanted), (len(wanted) - done) / speed if speed else None))
@@ -82,21 +98,22 @@ def build(
 
 def build_training(
     root: Path,
-    difficulty: str,
+    levels: Generated,
     seeds: Sequence[int],
     processes: int = 1,
     on_progress: OnProgress = lambda _progress: None,
 ) -> int:
     """As `build`, and the levels that stand in for those that are held out (see `common.levels.held_out`)."""
-    built, wanted = 0, list(seeds)
+    built, wanted, key = 0, list(seeds), key_of(levels)
+    held_out = HeldOut.of(levels, LevelBank(root), generate)
     origins = list(seeds)
     for attempt in range(1, TRIES + 1):
-        built += build(root, difficulty, wanted, processes, on_progress)
+        built += build(root, levels, wanted, processes, on_progress)
         bank = LevelBank(root)
         refused = [
             origin
             for origin, seed in zip(origins, wanted, strict=True)
-            if (level := bank.get(difficulty, seed)) is not None and is_held_out(level)
+            if (level := bank.get(key, seed)) is not None and level in held_out
         ]
         if not refused:
             break
@@ -104,17 +121,24 @@ def build_training(
     return built
 
 
-def work(root: Path, difficulty: str, seeds: Sequence[int]) -> Iterator[int]:
+def chunk_levels(levels: Generated) -> int:
+    """How many levels a chunk has."""
+    rows, columns, trains = levels.bounds
+    return max(1, min(CHUNK_LEVELS, CHUNK_WORK // (rows * columns * trains)))
+
+
+def work(root: Path, levels: Generated, seeds: Sequence[int]) -> Iterator[int]:
     """Build chunks until all are there; yields the number of new levels after each that was built here."""
-    folder = root / difficulty
+    key = key_of(levels)
+    folder = root / key
     folder.mkdir(parents=True, exist_ok=True)
-    bank = LevelBank(root)
-    waiting = [seeds[at : at + CHUNK_LEVELS] for at in range(0, len(seeds), CHUNK_LEVELS)]
+    bank, size = LevelBank(root), chunk_levels(levels)
+    waiting = [seeds[at : at + size] for at in range(0, len(seeds), size)]
     while waiting:
         busy = []
         for chunk in waiting:
-            path = folder / chunk_name(difficulty, chunk)
-            if path.exists() or all(bank.holds(difficulty, seed) for seed in chunk):
+            path = folder / chunk_name(levels, chunk)
+            if path.exists() or all(bank.holds(key, seed) for seed in chunk):
                 continue
             with _claim(path) as mine:
                 if not mine:
@@ -122,18 +146,13 @@ def work(root: Path, difficulty: str, seeds: Sequence[int]) -> Iterator[int]:
                 elif not path.exists():
                     for torn in folder.glob(f".{path.name}.*.tmp"):  # of builders that died
                         torn.unlink(missing_ok=True)
-                    new = sum(not bank.holds(difficulty, seed) for seed in chunk)
-                    write_chunk(path, difficulty, chunk, [_level(bank, difficulty, seed) for seed in chunk])
+                    new = sum(not bank.holds(key, seed) for seed in chunk)
+                    drawn = [bank.get(key, seed) or generate(levels, seed) for seed in chunk]
+                    write_chunk(path, levels, chunk, drawn)
                     yield new
         waiting = busy
         if waiting:
             time.sleep(WAIT_S)
-
-
-def _level(bank: LevelBank, difficulty: str, seed: int) -> Level:
-    from common.levels.legacy import generate  # noqa: PLC0415  (workers import flatland, who starts them need not)
-
-    return bank.get(difficulty, seed) or generate(difficulty, seed)
 
 
 @contextmanager
@@ -150,14 +169,15 @@ def _claim(path: Path) -> Iterator[bool]:
         claim.unlink(missing_ok=True)  # while it is locked, and only when the chunk is there
 
 
-def _run(root: Path, difficulty: str, seeds: Sequence[int], processes: int) -> Iterator[int]:
+def _run(root: Path, levels: Generated, seeds: Sequence[int], processes: int) -> Iterator[int]:
     """Build with so many processes; yields the number of new levels after each chunk."""
     if processes == 1:
-        yield from _collecting_garbage_by_chunk(work(root, difficulty, seeds))
+        yield from _collecting_garbage_by_chunk(work(root, levels, seeds))
         return
     with tempfile.TemporaryDirectory() as scratch:
         request, complaints = Path(scratch) / "request.json", Path(scratch) / "complaints"
-        request.write_text(json.dumps({"root": str(root.resolve()), "difficulty": difficulty, "seeds": list(seeds)}))
+        content = Request(root=root.resolve(), levels=levels, seeds=list(seeds))
+        request.write_text(content.model_dump_json())
         with complaints.open("wb") as errors:
             reading, writing = os.pipe()
             command = run_module("common.levels.build", str(request))
@@ -170,10 +190,13 @@ def _run(root: Path, difficulty: str, seeds: Sequence[int], processes: int) -> I
                 for worker in workers:
                     worker.kill()
                     worker.wait()
-        bank = LevelBank(root)
-        if not all(bank.holds(difficulty, seed) for seed in seeds):
+        bank, key = LevelBank(root), key_of(levels)
+        if not all(bank.holds(key, seed) for seed in seeds):
             reason = (complaints.read_text().splitlines() or ["it was killed"])[-1]
-            raise BankError(f"no worker could finish {root / difficulty}: {reason}: build again to go on")
+            infeasible = reason.removeprefix(INFEASIBLE)
+            if infeasible != reason:
+                raise InfeasibleLevelError(infeasible)
+            raise BankError(f"no worker could finish {root / key}: {reason}: build again to go on")
 
 
 def _collecting_garbage_by_chunk(counts: Iterator[int]) -> Iterator[int]:
@@ -192,10 +215,13 @@ def _collecting_garbage_by_chunk(counts: Iterator[int]) -> Iterator[int]:
 def main() -> None:
     """Be a worker: what to build in a file, on stdout the number of levels after each chunk."""
     parser = argparse.ArgumentParser(description="Builds levels into a bank.")
-    parser.add_argument("request", type=Path, help='a file of {"root": ..., "difficulty": ..., "seeds": [...]}')
-    request = json.loads(parser.parse_args().request.read_text())
-    for count in _collecting_garbage_by_chunk(work(Path(request["root"]), request["difficulty"], request["seeds"])):
-        os.write(1, b"%d\n" % count)  # workers share the pipe, so a line must be one write
+    parser.add_argument("request", type=Path, help="a file with a `Request`")
+    request = Request.model_validate_json(parser.parse_args().request.read_text())
+    try:
+        for count in _collecting_garbage_by_chunk(work(request.root, request.levels, request.seeds)):
+            os.write(1, b"%d\n" % count)  # workers share the pipe, so a line must be one write
+    except InfeasibleLevelError as error:
+        sys.exit(f"{INFEASIBLE}{error}")
 
 
 if __name__ == "__main__":

@@ -7,18 +7,17 @@ record carries the content hash of its level, which is checked whenever the leve
 
 import hashlib
 import json
-import os
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from common.levels.level import Level
+from common.levels.distributions import Generated, shipped
+from common.levels.level import Level, Malfunctions, Schedule
+from common.levels.whole import write_whole
 
-FORMAT = 1  # of the files; 1: the first
-GENERATOR = "legacy-1"  # whose levels these are: to be raised whenever `legacy.generate` draws others
 SUFFIX = ".levels"
 HEADER_BYTES = 256
 HASH_BYTES = 16
@@ -28,79 +27,118 @@ class BankError(Exception):
     """A bank that cannot be used: one line that names the file, what is wrong and what to do."""
 
 
-def chunk_name(difficulty: str, seeds: Sequence[int]) -> str:
+class Kind(NamedTuple):
+    """What chunks there are.
+
+    Attributes:
+        format: of the file; 1: levels without schedules, 2: with them.
+        generator: whose levels these are; to be raised whenever it draws other levels.
+    """
+
+    format: int
+    generator: str
+
+
+KINDS = {"legacy": Kind(1, "legacy-1"), "stock": Kind(2, "stock-1")}  # by rules
+
+
+def key_of(levels: Generated) -> str:
+    """The name of a distribution's folder in a bank: its own if it is one that ships, else a digest of its settings.
+
+    >>> key_of(shipped()["easy"])
+    'easy'
+    """
+    return next((name for name, other in shipped().items() if other == levels), levels.identity)
+
+
+def chunk_name(levels: Generated, seeds: Sequence[int]) -> str:
     """The file name of the chunk of these levels, in this order."""
-    content = f"{FORMAT}/{GENERATOR}/{difficulty}/{','.join(map(str, seeds))}"
+    kind = KINDS[levels.rules]
+    content = f"{kind.format}/{kind.generator}/{key_of(levels)}/{','.join(map(str, seeds))}"
     return hashlib.blake2b(content.encode(), digest_size=16).hexdigest() + SUFFIX
 
 
-def record_type(height: int, width: int, trains: int) -> np.dtype[Any]:
-    """A level as a record: seed, content hash, and the fields of `Level`."""
-    return np.dtype(
-        [
-            ("seed", "<u8"),
-            ("hash", "u1", (HASH_BYTES,)),
-            ("max_steps", "<i4"),
-            ("starts", "<i4", (trains, 3)),
-            ("targets", "<i4", (trains, 2)),
-            ("grid", "<u2", (height, width)),
-        ]
-    )
+def record_type(kind: Kind, height: int, width: int, trains: int) -> np.dtype[Any]:
+    """A level as a record: seed, content hash, and the fields of `Level`; from format 2 on those of its `Schedule`."""
+    plain: list[Any] = [
+        ("seed", "<u8"),
+        ("hash", "u1", (HASH_BYTES,)),
+        ("max_steps", "<i4"),
+        ("starts", "<i4", (trains, 3)),
+        ("targets", "<i4", (trains, 2)),
+        ("grid", "<u2", (height, width)),
+    ]
+    schedule: list[Any] = [
+        ("speeds", "<i4", (trains, 2)),
+        ("earliest_departures", "<i4", (trains,)),
+        ("latest_arrivals", "<i4", (trains,)),
+        ("target_headings", "<i4", (trains,)),
+        ("rate", "<f8"),  # of malfunctions; 0: there are none
+        ("min_steps", "<i4"),
+        ("max_malfunction_steps", "<i4"),
+    ]
+    return np.dtype(plain if kind.format == 1 else plain + schedule)
 
 
-def write_chunk(path: Path, difficulty: str, seeds: Sequence[int], levels: Sequence[Level]) -> None:
-    """Write a chunk that is on the disk, whole, when this returns. All levels must be of one shape."""
-    (height, width), trains = levels[0].grid.shape, levels[0].n_trains
-    records = np.zeros(len(levels), record_type(height, width, trains))
-    for record, seed, level in zip(records, seeds, levels, strict=True):
+def write_chunk(path: Path, levels: Generated, seeds: Sequence[int], drawn: Sequence[Level]) -> None:
+    """Write a chunk that is on the disk, whole, when this returns.
+
+    Args:
+        path: of the file.
+        levels: the distribution.
+        seeds: of the levels.
+        drawn: the levels, all of one shape.
+    """
+    kind = KINDS[levels.rules]
+    (height, width), trains = drawn[0].grid.shape, drawn[0].n_trains
+    records = np.zeros(len(drawn), record_type(kind, height, width, trains))
+    for record, seed, level in zip(records, seeds, drawn, strict=True):
         record["seed"], record["max_steps"] = seed, level.max_steps
         record["hash"] = np.frombuffer(bytes.fromhex(level.content_hash), np.uint8)
         record["grid"], record["starts"], record["targets"] = level.grid, level.starts, level.targets
+        if level.schedule is not None:
+            _write_schedule(record, level.schedule)
     header = {
-        "format": FORMAT,
-        "generator": GENERATOR,
-        "difficulty": difficulty,
-        "levels": len(levels),
+        "format": kind.format,
+        "generator": kind.generator,
+        "difficulty": key_of(levels),
+        "levels": len(drawn),
         "height": height,
         "width": width,
         "trains": trains,
     }
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            file.write(json.dumps(header).encode().ljust(HEADER_BYTES - 1) + b"\n")
-            file.write(records.tobytes())
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
+    write_whole(path, json.dumps(header).encode().ljust(HEADER_BYTES - 1) + b"\n", records.tobytes())
+
+
+def _write_schedule(record: Any, schedule: Schedule) -> None:
+    for name in ("speeds", "earliest_departures", "latest_arrivals", "target_headings"):
+        record[name] = getattr(schedule, name)
+    if schedule.malfunctions is not None:
+        record["rate"], record["min_steps"], record["max_malfunction_steps"] = schedule.malfunctions
 
 
 class Chunk:
     """A chunk that is mapped into memory."""
 
-    def __init__(self, path: Path, difficulty: str) -> None:
+    def __init__(self, path: Path, key: str) -> None:
         """Map a file.
 
         Raises:
-            BankError: it is no whole chunk of this difficulty, format and generator.
+            BankError: it is no whole chunk of this distribution, or of another format or generator.
         """
         self.path = path
-        self.difficulty = difficulty
+        self.key = key
         header = _header(path)
-        want = {"format": FORMAT, "generator": GENERATOR, "difficulty": difficulty}
-        for key, value in want.items():
-            if header.get(key) != value:
-                raise BankError(f"{path} has {key} {header.get(key)!r}, not {value!r}: build the bank anew elsewhere")
+        self._kind = next((kind for kind in KINDS.values() if kind.format == header.get("format")), KINDS["legacy"])
+        want = {"format": self._kind.format, "generator": self._kind.generator, "difficulty": key}
+        for field, value in want.items():
+            if header.get(field) != value:
+                raise BankError(
+                    f"{path} has {field} {header.get(field)!r}, not {value!r}: build the bank anew elsewhere"
+                )
         try:
             count = int(header["levels"])
-            dtype = record_type(int(header["height"]), int(header["width"]), int(header["trains"]))
+            dtype = record_type(self._kind, int(header["height"]), int(header["width"]), int(header["trains"]))
         except (KeyError, TypeError, ValueError):
             raise _damaged(path, "has no proper header") from None
         if path.stat().st_size != HEADER_BYTES + count * dtype.itemsize:
@@ -127,10 +165,24 @@ class Chunk:
             starts=self._starts[row].copy(),
             targets=self._targets[row].copy(),
             max_steps=int(self._max_steps[row]),
+            schedule=None if self._kind.format == 1 else self._schedule(row),
         )
         if level.content_hash != self._hashes[row].tobytes().hex():
             raise _damaged(self.path, f"holds another level in place {row} than was written")
         return level
+
+    def _schedule(self, row: int) -> Schedule:
+        record = self._records[row]
+        rate = float(record["rate"])
+        return Schedule(
+            speeds=record["speeds"].copy(),
+            earliest_departures=record["earliest_departures"].copy(),
+            latest_arrivals=record["latest_arrivals"].copy(),
+            target_headings=record["target_headings"].copy(),
+            malfunctions=Malfunctions(rate, int(record["min_steps"]), int(record["max_malfunction_steps"]))
+            if rate > 0
+            else None,
+        )
 
 
 def _header(path: Path) -> dict[str, Any]:

@@ -95,6 +95,9 @@ class StockLevels(GeneratedLevels):
         return self
 
 
+Generated = LegacyLevels | StockLevels  # what generators draw from
+
+
 class LevelFiles(Strict):
     """Levels out of files: flatland's pickles and msgpack, or our .npz.
 

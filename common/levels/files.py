@@ -3,11 +3,18 @@
 Of every group three arrays: `<group>_levels_grid` [K, H, W], `<group>_levels_agents` [K, N, 5] (row, column and heading
 at the start, row and column of the target) and `<group>_levels_max_steps` [K]. So all levels of a group are of one
 shape. Files are checked before they are believed; nothing in them is unpickled.
+
+If any level of a group has a schedule, six more: `<group>_levels_scheduled` [K] (0: this one has none),
+`<group>_levels_speeds` [K, N, 2] (numerator, denominator), `<group>_levels_departures`, `<group>_levels_arrivals` and
+`<group>_levels_target_headings` [K, N], and `<group>_levels_malfunctions` [K, 3] (rate, 0 for none, and least and
+most steps). Names and meanings are those of `common.levels.level.Schedule`.
 """
 
-import os
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from fractions import Fraction
+from math import lcm
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +22,20 @@ import numpy as np
 from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
-from common.levels.level import Level
+from common.levels.level import Level, Malfunctions, Schedule
+from common.levels.speeds import LARGEST_UNIT
+from common.levels.whole import write_whole
 
 GRID, AGENTS, MAX_STEPS = "_levels_grid", "_levels_agents", "_levels_max_steps"
+SCHEDULED, MALFUNCTIONS = "_levels_scheduled", "_levels_malfunctions"
+COLUMNS = {  # of a schedule
+    "speeds": "_levels_speeds",
+    "earliest_departures": "_levels_departures",
+    "latest_arrivals": "_levels_arrivals",
+    "target_headings": "_levels_target_headings",
+}
 LARGEST_SIDE = 4096
+MOST_STEPS = 100_000_000
 
 Groups = dict[str, list[Level]]
 
@@ -96,15 +113,25 @@ def save(path: Path, groups: Mapping[str, Sequence[Level]]) -> None:
         agents = [np.concatenate([level.starts, level.targets], axis=1) for level in levels]
         arrays[name + AGENTS] = np.stack(agents).astype(np.int16)
         arrays[name + MAX_STEPS] = np.array([level.max_steps for level in levels], np.int32)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            np.savez_compressed(file, **arrays)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+        if any(level.schedule is not None for level in levels):
+            arrays |= {name + key: array for key, array in _schedule_arrays(levels).items()}
+    content = io.BytesIO()
+    np.savez_compressed(content, **arrays)
+    write_whole(path, content.getvalue())
+
+
+def _schedule_arrays(levels: Sequence[Level]) -> dict[str, NDArray[Any]]:
+    trains = levels[0].n_trains
+    nothing = np.zeros(trains, np.int32)
+    none = Schedule(np.zeros((trains, 2), np.int32), nothing, nothing, nothing)
+    schedules = [level.schedule or none for level in levels]
+    arrays: dict[str, NDArray[Any]] = {
+        key: np.stack([getattr(schedule, field) for schedule in schedules]).astype(np.int32)
+        for field, key in COLUMNS.items()
+    }
+    arrays[SCHEDULED] = np.array([level.schedule is not None for level in levels], np.uint8)
+    arrays[MALFUNCTIONS] = np.array([schedule.malfunctions or (0.0, 0, 0) for schedule in schedules], np.float64)
+    return arrays
 
 
 def load(path: Path) -> Groups:
@@ -131,18 +158,50 @@ def _group(path: Path, name: str, arrays: Mapping[str, NDArray[Any]]) -> list[Le
     if grids.ndim != 3 or agents.shape != (len(grids), *agents.shape[1:2], 5) or limits.shape != grids.shape[:1]:
         raise LevelFileError(f"{path}: the arrays of {name} do not have shapes [K, H, W], [K, N, 5] and [K]")
     levels = []
+    schedules = _schedules(path, name, arrays, len(grids), agents.shape[1])
     for index, (grid, trains, limit) in enumerate(zip(grids, agents, limits, strict=True)):
         level = Level(
             grid=grid.astype(np.uint16),
             starts=np.ascontiguousarray(trains[:, :3], np.int32),
             targets=np.ascontiguousarray(trains[:, 3:], np.int32),
             max_steps=int(limit),
+            schedule=schedules[index],
         )
         problem = problem_with(level)
         if problem is not None:
             raise LevelFileError(f"{path}: level {index} of {name}: {problem}")
         levels.append(level)
     return levels
+
+
+def _schedules(
+    path: Path, name: str, arrays: Mapping[str, NDArray[Any]], levels: int, trains: int
+) -> list[Schedule | None]:
+    """The schedules of a group, whatever they hold."""
+    if name + SCHEDULED not in arrays:
+        return [None] * levels
+    shapes: dict[str, tuple[int, ...]] = {
+        key: (levels, trains, 2) if field == "speeds" else (levels, trains) for field, key in COLUMNS.items()
+    }
+    shapes |= {SCHEDULED: (levels,), MALFUNCTIONS: (levels, 3)}
+    for key, shape in shapes.items():
+        if name + key not in arrays:
+            raise LevelFileError(f"{path} lacks the array {name}{key}")
+        array = arrays[name + key]
+        kind = np.floating if key == MALFUNCTIONS else np.integer
+        if array.shape != shape or not np.issubdtype(array.dtype, kind):
+            raise LevelFileError(f"{path}: the array {name}{key} is no array of {kind.__name__} of shape {list(shape)}")
+        if not np.isfinite(array).all() or (abs(array.astype(np.float64)) >= 2**31).any():
+            raise LevelFileError(f"{path}: the array {name}{key} holds numbers beyond 32 bits")
+    found: list[Schedule | None] = []
+    for index in range(levels):
+        rate, shortest, longest = arrays[name + MALFUNCTIONS][index].tolist()
+        schedule = Schedule(
+            **{field: arrays[name + key][index].astype(np.int32) for field, key in COLUMNS.items()},
+            malfunctions=Malfunctions(rate, int(shortest), int(longest)) if rate > 0 else None,
+        )
+        found.append(schedule if arrays[name + SCHEDULED][index] else None)
+    return found
 
 
 def problem_with(level: Level) -> str | None:
@@ -152,10 +211,11 @@ def problem_with(level: Level) -> str | None:
         return f"a grid of {height}x{width}"
     if level.n_trains == 0:
         return "no trains"
-    if level.max_steps < 1:
+    if not 1 <= level.max_steps <= MOST_STEPS:
         return f"a step limit of {level.max_steps}"
     problems = (_problem_with_train(level, train) for train in range(level.n_trains))
-    return next((problem for problem in problems if problem is not None), None)
+    problem = next((problem for problem in problems if problem is not None), None)
+    return problem or (None if level.schedule is None else _problem_with_schedule(level.schedule))
 
 
 def _problem_with_train(level: Level, train: int) -> str | None:
@@ -165,7 +225,30 @@ def _problem_with_train(level: Level, train: int) -> str | None:
         return f"train {train} starts at row {row}, column {column}, heading {heading}"
     if level.grid[row, column] >> (4 * (3 - heading)) & 15 == 0:
         return f"train {train} starts at row {row}, column {column}, where no rail leads on for heading {heading}"
-    row, column = level.targets[train].tolist()
-    if not (0 <= row < height and 0 <= column < width) or level.grid[row, column] == 0:
-        return f"the target of train {train} at row {row}, column {column} is not on rails"
+    goal_row, goal_column = level.targets[train].tolist()
+    if not (0 <= goal_row < height and 0 <= goal_column < width) or level.grid[goal_row, goal_column] == 0:
+        return f"the target of train {train} at row {goal_row}, column {goal_column} is not on rails"
+    if (row, column) == (goal_row, goal_column):  # which rules and policies take in different ways
+        return f"train {train} stands on its target at the start, row {row}, column {column}: move one of them"
+    return None
+
+
+def _problem_with_schedule(schedule: Schedule) -> str | None:
+    malfunctions = schedule.malfunctions
+    if malfunctions is not None and not (
+        0 < malfunctions.rate <= 1 and 0 <= malfunctions.min_steps <= malfunctions.max_steps <= MOST_STEPS
+    ):
+        return (
+            f"malfunctions of rate {malfunctions.rate:g} for {malfunctions.min_steps} to {malfunctions.max_steps} steps"
+        )
+    for train, (numerator, denominator) in enumerate(schedule.speeds.tolist()):
+        if not 0 < numerator <= denominator:
+            return f"train {train} has a speed of {numerator}/{denominator}, which is not above 0 and at most 1"
+        departure, arrival = int(schedule.earliest_departures[train]), int(schedule.latest_arrivals[train])
+        if departure < 0 or arrival < 0:
+            return f"train {train} may depart from step {departure} and arrive until {arrival}"
+        if not 0 <= schedule.target_headings[train] < 16:
+            return f"train {train} has headings {schedule.target_headings[train]} at its target"
+    if lcm(*(Fraction(*speed).denominator for speed in schedule.speeds.tolist())) > LARGEST_UNIT:
+        return f"speeds with a common denominator above {LARGEST_UNIT}: use rounder ones"
     return None

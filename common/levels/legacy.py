@@ -8,9 +8,7 @@ library's. The same random numbers give the same levels as in 2.2.2. No `RailEnv
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
-from math import ceil
 from typing import Any, SupportsIndex
 
 import numpy as np
@@ -20,14 +18,15 @@ from flatland.utils.seeding import np_random as flatland_rng
 from numpy.random import RandomState
 from numpy.typing import NDArray
 
+from common.levels.distances import Distances
+from common.levels.distributions import LegacyLevels
+from common.levels.generate import InfeasibleLevelError
 from common.levels.level import Level
 from common.levels.lines import find_line, lay_line
+from common.levels.room import Room, compact, room_of
 from common.rail.decisions import STEPS, exits
 from common.seeding import stream_key
 
-SIDE_CELLS = 25
-MAX_RAILS_BETWEEN_CITIES = 2
-MAX_RAILS_IN_CITY = 3
 CITY_TRIES = 201  # 2.2.2 gave up on a city after so many places
 ROUTE_TRIES = 100  # and on a train after so many pairs of stations
 LEVEL_TRIES = 20
@@ -36,26 +35,7 @@ _Cell = tuple[int, int]
 _Station = tuple[_Cell, int]  # the middle of a track, and the number of the track in its city
 
 
-@dataclass(frozen=True)
-class LegacySpec:
-    """What the difficulties differ in (table 5.1)."""
-
-    trains: int
-    cities: int
-
-
-SPECS: dict[str, LegacySpec] = {
-    "easy": LegacySpec(trains=3, cities=2),
-    "medium": LegacySpec(trains=5, cities=2),
-    "hard": LegacySpec(trains=7, cities=3),
-}
-
-
-class InfeasibleLevelError(RuntimeError):
-    """The generator's draw gave a train no way to a target."""
-
-
-def generate(difficulty: str, seed: int) -> Level:
+def generate(levels: LegacyLevels, seed: int) -> Level:
     """The level of `seed`: a pure function, the same in every process, whatever the global generators hold.
 
     Raises:
@@ -64,30 +44,35 @@ def generate(difficulty: str, seed: int) -> Level:
     for attempt in range(LEVEL_TRIES):
         derived = stream_key(int(seed), attempt, "level-retry") if attempt else int(seed)
         try:
-            return _draw(SPECS[difficulty], flatland_rng(derived)[0])  # type: ignore[no-untyped-call]
+            return _draw(levels, flatland_rng(derived)[0])  # type: ignore[no-untyped-call]
         except InfeasibleLevelError:
             continue
         finally:
             forget_rails()
-    raise InfeasibleLevelError(f"no feasible {difficulty} level for seed {seed} in {LEVEL_TRIES} tries")
+    raise InfeasibleLevelError(f"no feasible level for seed {seed} in {LEVEL_TRIES} tries: make size or cities larger")
 
 
-def max_episode_steps(spec: LegacySpec, cities_placed: int) -> int:
+def max_episode_steps(height: int, width: int, trains: int, cities_placed: int) -> int:
     """The step limit of 2.2.2, which grows when a city found no place."""
-    return int(8 * (2 * SIDE_CELLS + spec.trains / cities_placed))
+    return int(8 * (height + width + trains / cities_placed))
 
 
-def _draw(spec: LegacySpec, rng: RandomState) -> Level:
+def _draw(levels: LegacyLevels, rng: RandomState) -> Level:
+    height, width = levels.size
+    room = room_of(levels)
+    if room is None:
+        raise InfeasibleLevelError(f"{height}x{width} has no room for two cities")
     with warnings.catch_warnings():  # of lines that could not be drawn; whether it matters is found below
         warnings.filterwarnings("ignore", category=UserWarning, module=r"flatland\.")
-        drawn: Any = _LegacyRails(spec.cities).generate(SIDE_CELLS, SIDE_CELLS, spec.trains, np_random=rng)
+        drawn: Any = _LegacyRails(levels, room).generate(width, height, levels.trains, np_random=rng)
     rail, hints = drawn[0], drawn[1]["agents_hints"]
-    routes = [_route(rail, hints, rng) for _ in range(spec.trains)]
+    rail.check_path_exists = Distances(rail.grid).reaches  # the same answers, and a search a target instead of a train
+    routes = [_route(rail, hints, rng) for _ in range(levels.trains)]
     return Level(
         grid=np.array(rail.grid, dtype=np.uint16),
         starts=np.array([start for start, _ in routes], dtype=np.int32),
         targets=np.array([target for _, target in routes], dtype=np.int32),
-        max_steps=max_episode_steps(spec, len(hints["city_positions"])),
+        max_steps=max_episode_steps(height, width, levels.trains, len(hints["city_positions"])),
     )
 
 
@@ -141,28 +126,30 @@ class _Tracks(int):
 class _TrackDraws:
     """The draws of `_generate_city_connection_points`, two a city: its tracks, then its ways out."""
 
-    def __init__(self, rng: RandomState) -> None:
+    def __init__(self, rng: RandomState, most_tracks: int) -> None:
         self._rng = rng
+        self._most_tracks = most_tracks
         self._draws = 0
 
     def randint(self, low: int, high: int) -> int:
         self._draws += 1
         if self._draws % 2 == 1:
-            return _Tracks(self._rng.randint(2, MAX_RAILS_IN_CITY + 1))
+            return _Tracks(self._rng.randint(2, self._most_tracks + 1))
         return int(self._rng.randint(low, high))
 
 
 class _LegacyRails(SparseRailGen):
-    """4.3.0's sparse rails as 2.2.2 drew them: cities of two or three tracks, placed by rejection, and its lines."""
+    """4.3.0's sparse rails as 2.2.2 drew them: cities of two or more tracks, placed by rejection, and its lines."""
 
-    def __init__(self, cities: int) -> None:
+    def __init__(self, levels: LegacyLevels, room: Room) -> None:
         super().__init__(
-            max_num_cities=cities,
+            max_num_cities=levels.cities,
             grid_mode=False,
-            max_rails_between_cities=MAX_RAILS_BETWEEN_CITIES,
-            max_rail_pairs_in_city=ceil(MAX_RAILS_IN_CITY / 2),
+            max_rails_between_cities=levels.rails_between_cities,
+            max_rail_pairs_in_city=compact(room),
             backwards_compatibility_mode=True,  # no draw for crossings on two levels
         )
+        self._most_tracks = min(levels.rails_in_city, 2 * room.rail_pairs)
         self._cells_of_cities: list[_Cell] = []
 
     def _generate_random_city_positions(
@@ -183,7 +170,7 @@ class _LegacyRails(SparseRailGen):
         return cities
 
     def _generate_city_connection_points(self, *args: Any, **kwargs: Any) -> Any:
-        kwargs["np_random"] = _TrackDraws(kwargs["np_random"])
+        kwargs["np_random"] = _TrackDraws(kwargs["np_random"], self._most_tracks)
         return super()._generate_city_connection_points(*args, **kwargs)
 
     def _get_cells_in_city(self, center: Any, radius: int, city_orientation: int, vector_field: Any) -> Any:
@@ -213,6 +200,8 @@ class _LegacyRails(SparseRailGen):
                 for point in connection_points[city][side]:
                     end = min(points, key=partial(_manhattan, point))
                     line = find_line(grid, blocked, _number(grid, point), _number(grid, end))
+                    if len(line) == 0:
+                        continue
                     lay_line(grid, line)
                     lines.append([(int(cell) // grid.shape[1], int(cell) % grid.shape[1]) for cell in line])
         return lines
@@ -226,7 +215,7 @@ class _LegacyRails(SparseRailGen):
         np_random: Any,
     ) -> None:
         """The library's, but broken cells are found in the whole grid at once: that was most of the time."""
-        broken = _broken(grid_map.grid, list(grid_map.transitions.transitions_all))
+        broken = broken_cells(grid_map.grid, list(grid_map.transitions.transitions_all))
         for cell in [cell for cell in [*self._cells_of_cities, *inter_city_lines] if broken[cell]]:
             self.fix_transitions(grid_map, (int(cell[0]), int(cell[1])), int(vector_field[cell]), np_random)
 
@@ -242,7 +231,7 @@ def _number(grid: NDArray[np.uint16], cell: _Cell) -> int:
     return int(cell[0]) * grid.shape[1] + int(cell[1])
 
 
-def _broken(grid: NDArray[np.uint16], pieces: list[int]) -> NDArray[np.bool_]:
+def broken_cells(grid: NDArray[np.uint16], pieces: list[int]) -> NDArray[np.bool_]:
     """[H, W]: not `cell_neighbours_valid(cell, check_this_cell=True)`.
 
     A cell is broken if it is no piece of rail, leads off the grid or to a cell that cannot be entered so, or

@@ -1,113 +1,179 @@
 """Levels of flatland-rl 4.3.0 as it is: its sparse rails and lines, and if wanted timetable, speeds, malfunctions.
 
-For the `stock` rules: their levels have a schedule. The study's own levels are those of `common.levels.legacy`.
+For the `stock` rules; the study's own levels are those of `common.levels.legacy`. What comes out is what `RailEnv`
+makes of the same seed, number for number. No `RailEnv` is built, and no distance map: most of its time goes into a
+search for each train, here it is one for each target. Where the library has no room for two cities, see
+`common.levels.room`.
 """
 
 import random
+import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from fractions import Fraction
+from typing import Any, NamedTuple
 
 import numpy as np
-from flatland.core.env_observation_builder import DummyObservationBuilder
-from flatland.envs.line_generators import sparse_line_generator
-from flatland.envs.malfunction_generators import MalfunctionParameters, ParamMalfunctionGen
-from flatland.envs.rail_env import RailEnv
-from flatland.envs.rail_generators import sparse_rail_generator
-from flatland.envs.timetable_generators import timetable_generator
-from flatland.envs.timetable_utils import Timetable
+from flatland.envs.line_generators import SparseLineGen
+from flatland.envs.rail_generators import SparseRailGen
+from flatland.utils.seeding import np_random as flatland_rng
+from numpy.random import RandomState
+from numpy.typing import NDArray
 
-from common.levels.legacy import LEVEL_TRIES, SIDE_CELLS, InfeasibleLevelError, forget_rails
-from common.levels.level import Level
-from common.rail.from_flatland import level_of
+from common.levels.distances import Distances
+from common.levels.distributions import StockLevels
+from common.levels.generate import InfeasibleLevelError
+from common.levels.legacy import LEVEL_TRIES, broken_cells, forget_rails
+from common.levels.level import Level, Malfunctions, Schedule
+from common.levels.room import compact, room_of
+from common.levels.speeds import speed_fraction
 from common.seeding import stream_key
 
 SEED_BITS = (1 << 32) - 1  # what the library's generator takes
 
 
-@dataclass(frozen=True)
-class StockSpec:
-    """What is drawn.
-
-    Attributes:
-        trains: how many.
-        cities: at most so many.
-        side: of the grid.
-        rails_between_cities: at most.
-        rail_pairs_in_city: at most.
-        timetable: windows for departure and arrival, and a step limit after them; else every train may depart at
-            once, and the limit is `8 * (h + w + trains / cities)` steps.
-        speeds: shares of the trains by their speed in cells a step; all 1 if not given.
-        malfunctions: rate, and the least and the most steps that one takes.
-    """
-
-    trains: int
-    cities: int
-    side: int = SIDE_CELLS
-    rails_between_cities: int = 2
-    rail_pairs_in_city: int = 2
-    timetable: bool = True
-    speeds: Mapping[float, float] | None = None
-    malfunctions: tuple[float, int, int] | None = None
-
-
-SPECS: dict[str, StockSpec] = {
-    "easy": StockSpec(trains=3, cities=2),
-    "medium": StockSpec(trains=5, cities=2),
-    "hard": StockSpec(trains=7, cities=3),
-}
-
-
-def generate(spec: StockSpec, seed: int) -> Level:
+def generate(levels: StockLevels, seed: int) -> Level:
     """The level of `seed`: a pure function, the same in every process, whatever the global generators hold.
 
     Raises:
         InfeasibleLevelError: none of `LEVEL_TRIES` derived seeds gave a level whose trains can all arrive.
     """
     for attempt in range(LEVEL_TRIES):
-        derived = stream_key(seed, attempt, "stock-retry") & SEED_BITS if attempt else seed
+        derived = stream_key(seed, attempt, "stock-retry") & SEED_BITS if attempt else int(seed)
         state = random.getstate()  # the library seeds the interpreter's own generator
         try:
-            env = environment(spec, derived)
-            env.reset(random_seed=derived)
-            if _is_feasible(env, spec.trains):
-                return level_of(env)
+            level = _draw(levels, flatland_rng(derived)[0])  # type: ignore[no-untyped-call]
         finally:
             random.setstate(state)
             forget_rails()
-    raise InfeasibleLevelError(f"no feasible level for seed {seed} in {LEVEL_TRIES} tries")
+        if level is not None:
+            return level
+    raise InfeasibleLevelError(f"no feasible level for seed {seed} in {LEVEL_TRIES} tries: make size or cities larger")
 
 
-def environment(spec: StockSpec, seed: int) -> RailEnv:
-    """The library's environment that draws such levels; it was not reset yet."""
-    malfunctions = None if spec.malfunctions is None else ParamMalfunctionGen(MalfunctionParameters(*spec.malfunctions))
-    return RailEnv(
-        width=spec.side,
-        height=spec.side,
-        number_of_agents=spec.trains,
-        rail_generator=sparse_rail_generator(
-            max_num_cities=spec.cities,
-            max_rails_between_cities=spec.rails_between_cities,
-            max_rail_pairs_in_city=spec.rail_pairs_in_city,
+def shares_of(levels: StockLevels) -> Mapping[float, float] | None:
+    """The speeds as the library's generator takes them: the fastest first, in whatever order they were given."""
+    return None if levels.speeds is None else dict(sorted(levels.speeds.items(), reverse=True))
+
+
+class _Rails(SparseRailGen):
+    """4.3.0's sparse rails, in less time."""
+
+    def _extract_stations_links(self, *_args: Any, **_kwargs: Any) -> Any:
+        """Nobody asks for the named stations and links, and they take time."""
+
+    def _fix_transitions(
+        self, city_cells: Any, inter_city_lines: Any, grid_map: Any, vector_field: Any, np_random: Any
+    ) -> None:
+        """The library's, but broken cells are found in the whole grid at once."""
+        broken = broken_cells(grid_map.grid, list(grid_map.transitions.transitions_all))
+        for cell in [cell for cell in [*city_cells, *inter_city_lines] if broken[cell]]:
+            self.fix_transitions(grid_map, (int(cell[0]), int(cell[1])), int(vector_field[cell]), np_random)
+
+
+class _Lines(NamedTuple):
+    """Who goes where.
+
+    Attributes:
+        starts: [N, 3], row, column, heading.
+        targets: [N, 2], row, column.
+        headings: [N], a bit for each heading that a train can have at its target.
+        distances: steps from start to target.
+        speeds: cells a step.
+    """
+
+    starts: NDArray[np.int32]
+    targets: NDArray[np.int32]
+    headings: NDArray[np.int32]
+    distances: list[int]
+    speeds: list[Fraction]
+
+
+class _Times(NamedTuple):
+    departures: NDArray[np.int32]  # [N]
+    arrivals: NDArray[np.int32]  # [N]
+    max_steps: int
+
+
+def _draw(levels: StockLevels, rng: RandomState) -> Level | None:
+    """The level that the next numbers of a generator make; None: a train cannot arrive."""
+    height, width = levels.size
+    room = room_of(levels)
+    if room is None:
+        raise InfeasibleLevelError(f"{height}x{width} has no room for two cities")
+    rails = _Rails(
+        max_num_cities=levels.cities,
+        max_rails_between_cities=levels.rails_between_cities,
+        max_rail_pairs_in_city=compact(room),
+    )
+    with warnings.catch_warnings():  # of cities and lines without a place; whether it matters is found below
+        warnings.filterwarnings("ignore", category=UserWarning, module=r"flatland\.")
+        drawn: Any = rails.generate(width, height, levels.trains, np_random=rng)
+    rail, hints = drawn[0], drawn[1]["agents_hints"]
+    lines = _lines(levels, rail, hints, rng)
+    if lines is None:
+        return None
+    limit = int(8 * (width + height + levels.trains / len(hints["city_positions"])))
+    times = _timetable(lines, limit, rng) if levels.timetable else _no_timetable(levels.trains, limit)
+    breakdowns = levels.malfunctions
+    return Level(
+        grid=np.array(rail.grid, np.uint16),
+        starts=lines.starts,
+        targets=lines.targets,
+        max_steps=times.max_steps,
+        schedule=Schedule(
+            speeds=np.array([speed.as_integer_ratio() for speed in lines.speeds], np.int32),
+            earliest_departures=times.departures,
+            latest_arrivals=times.arrivals,
+            target_headings=lines.headings,
+            malfunctions=None
+            if breakdowns is None
+            else Malfunctions(breakdowns.rate, breakdowns.min_steps, breakdowns.max_steps),
         ),
-        line_generator=sparse_line_generator(spec.speeds),  # type: ignore[arg-type]
-        timetable_generator=timetable_generator if spec.timetable else _no_timetable,
-        malfunction_generator=malfunctions,
-        obs_builder_object=DummyObservationBuilder(),  # type: ignore[no-untyped-call]
-        random_seed=seed,
     )
 
 
-def _no_timetable(agents: Any, distance_map: Any, hints: Any, np_random: Any = None) -> Timetable:  # noqa: ARG001
-    cities = len(hints["city_positions"])
-    limit = int(8 * (distance_map.rail.height + distance_map.rail.width + len(agents) / cities))
-    departures: list[Any] = [[0, None] for _ in agents]
-    arrivals: list[Any] = [[None, limit] for _ in agents]
-    return Timetable(departures, arrivals, limit)
+def _lines(levels: StockLevels, rail: Any, hints: Any, rng: RandomState) -> _Lines | None:
+    """The library's lines; None if one of them leads nowhere."""
+    distances = Distances(rail.grid)
+    rail.check_path_exists = distances.reaches  # the same answers, and a search a target instead of a train
+    generator = SparseLineGen(shares_of(levels))  # type: ignore[arg-type]
+    line: Any = generator.generate(rail, levels.trains, hints, np_random=rng)
+    origins = [line.agent_waypoints[train][0][0] for train in range(levels.trains)]
+    ends = [line.agent_waypoints[train][-1] for train in range(levels.trains)]
+    if not all(ends):
+        return None
+    starts = np.array([(*at.position, int(at.direction)) for at in origins], np.int32)
+    targets = np.array([end[0].position for end in ends], np.int32)
+    ways = [
+        distances.between((row, column), heading, target)
+        for (row, column, heading), target in zip(starts.tolist(), targets.tolist(), strict=True)
+    ]
+    if min(ways) < 0:
+        return None
+    headings = np.array([sum(1 << int(way.direction) for way in end) for end in ends], np.int32)
+    return _Lines(starts, targets, headings, ways, [speed_fraction(speed) for speed in line.agent_speeds])
 
 
-def _is_feasible(env: RailEnv, trains: int) -> bool:
-    agents: Any = env.agents
-    distances: Any = env.distance_map.get()
-    starts = [(agent.handle, *agent.initial_configuration[0], agent.initial_configuration[1]) for agent in agents]
-    return len(starts) == trains and all(np.isfinite(distances[start]) for start in starts)
+def _no_timetable(trains: int, limit: int) -> _Times:
+    return _Times(np.zeros(trains, np.int32), np.full(trains, limit, np.int32), limit)
+
+
+def _timetable(lines: _Lines, limit: int, rng: RandomState) -> _Times:
+    """`timetable_generator` of flatland-rl 4.3.0, for lines without stops: windows, and a step limit after them.
+
+    Args:
+        lines: who goes where.
+        limit: the step limit of levels without a timetable.
+        rng: of the level.
+    """
+    travel: Any = np.array([distance + 1 for distance in lines.distances]) / np.array(lines.speeds)  # of fractions
+    delay = np.mean(travel) * 0.2
+    max_steps = min(int(np.ceil(np.max(travel) * 1.5) + delay), int(limit * 3.0))
+    last = max_steps - int(max_steps * 0.05)
+    departures, arrivals = [], []
+    for time in travel:
+        longest = int(np.ceil((time * 1.3) + delay))
+        departure = rng.randint(0, max(last - longest, 1))
+        departures.append(departure)
+        arrivals.append(departure + longest)
+    return _Times(np.array(departures, np.int32), np.array(arrivals, np.int32), max_steps)

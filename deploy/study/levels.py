@@ -6,11 +6,12 @@ from pathlib import Path
 from analysis.study import PlannedRun, Study
 from common.config import RunConfig
 from common.levels.bank import LevelBank
-from common.levels.chunks import BankError
+from common.levels.chunks import BankError, key_of
+from common.levels.distributions import Generated, LevelFiles
+from common.levels.requests import BuildRequest
 from common.seeding import evaluation_level_seed, training_level_seed
-from deploy.commands.levels.options import TASKS
+from deploy.levels import ask
 from deploy.runs import Failed
-from deploy.task import run_task
 
 
 def missing_levels(study: Study, configs: Mapping[PlannedRun, RunConfig], bank: Path) -> dict[str, int]:
@@ -25,18 +26,31 @@ def missing_levels(study: Study, configs: Mapping[PlannedRun, RunConfig], bank: 
         there = LevelBank(bank)
     except BankError as error:
         raise Failed(str(error)) from None
-    return {level: len(needed - there.seeds(level)) for level in study.levels}
+    return {name: len(needed - there.seeds(key_of(levels))) for name, levels in generated(study, configs).items()}
+
+
+def generated(study: Study, configs: Mapping[PlannedRun, RunConfig]) -> dict[str, Generated]:
+    """Those of a study's distributions that do not come out of files."""
+    known = {name: levels for config in configs.values() for name, levels in config.world.levels.items()}
+    chosen = {name: known[name] for name in study.levels if name in known}
+    return {name: levels for name, levels in chosen.items() if not isinstance(levels, LevelFiles)}
 
 
 def build_levels(study: Study, configs: Mapping[PlannedRun, RunConfig], bank: Path, processes: int) -> None:
     """Generate what is missing; raises as `run_task`, and as `missing_levels`."""
-    lacking = [level for level, count in missing_levels(study, configs, bank).items() if count]
-    for first, last in stretches(study.seeds) if lacking else ():
-        run_task(
-            TASKS,
-            *("build", "--bank", str(bank), "--level", *lacking),
-            *("--first-seed", str(first), "--last-seed", str(last), "--episodes", str(study.episodes)),
-            *("--evaluation", str(_evaluation_levels(study, configs)), "--processes", str(processes)),
+    lacking = {name for name, count in missing_levels(study, configs, bank).items() if count}
+    levels = {name: found for name, found in generated(study, configs).items() if name in lacking}
+    for first, last in stretches(study.seeds) if levels else ():
+        ask(
+            BuildRequest(
+                bank=bank,
+                levels=levels,
+                first_seed=first,
+                last_seed=last,
+                episodes=study.episodes,
+                evaluation=_evaluation_levels(study, configs),
+                processes=processes,
+            )
         )
 
 

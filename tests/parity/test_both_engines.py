@@ -10,8 +10,8 @@ from made_rails import EAST, ring, scheduled
 from stock_levels import MIXED, stock_level
 
 from common.levels.distributions import Bounds
-from common.levels.legacy import generate
 from common.levels.level import Level, Malfunctions
+from common.levels.shipped import generate
 from common.rail.compiled.world import CompiledWorld
 from common.rail.flatland_world import FlatlandWorld
 from common.rail.observations.global_map import GlobalObservation

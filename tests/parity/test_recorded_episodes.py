@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from common.levels.files import opened
-from common.levels.legacy import generate
 from common.levels.level import Level
+from common.levels.shipped import generate
 from common.rail.flatland_world import FlatlandEpisode
 from tools.recordings.findings import FIELDS, Findings
 from tools.recordings.recorded import (

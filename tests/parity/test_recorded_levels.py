@@ -13,6 +13,7 @@ import pytest
 
 from common.config import DIFFICULTIES, Difficulty
 from common.levels import files, legacy
+from common.levels.distributions import shipped
 from common.seeding import training_level_seed
 from tools.levels.routes import Numbers, numbers
 
@@ -26,7 +27,7 @@ SHUFFLES = 4000
 @pytest.mark.parametrize("difficulty", DIFFICULTIES)
 def test_the_same_random_numbers_give_the_same_levels(difficulty: Difficulty):
     for seed, expected in enumerate(HASHES[difficulty]):
-        level = legacy._draw(legacy.SPECS[difficulty], np.random.RandomState(seed))
+        level = legacy._draw(shipped()[difficulty], np.random.RandomState(seed))
         assert level.content_hash == expected, f"RandomState({seed})"
         legacy.forget_rails()
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from common.levels.legacy import generate
+from common.levels.shipped import generate
 from common.policy.actor_critic import build_actor_critic
 from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters

@@ -15,7 +15,6 @@ Making environments, worlds and the bank is not counted, nor does anybody observ
 
 import tempfile
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,15 +23,16 @@ from flatland.core.env_observation_builder import DummyObservationBuilder
 from flatland.envs.rail_env import RailEnv
 from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
 
-from common.levels import stock
 from common.levels.bank import LevelBank
 from common.levels.chunks import chunk_name, write_chunk
-from common.levels.distributions import shipped
-from common.levels.legacy import forget_rails, generate
+from common.levels.distributions import StockLevels, shipped
+from common.levels.legacy import forget_rails
 from common.levels.level import Level
+from common.levels.shipped import generate
 from common.rail.compiled.world import CompiledWorld
 from common.rail.plain_env import plain_environment
 from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
+from tools.levels.library import library_environment
 
 PASSES = 10  # over all levels of the bank, or it would be over before it can be timed
 ROOT, DISTANCE = 0, 6  # node and feature of a tree: the distance to the target
@@ -40,12 +40,15 @@ ROOT, DISTANCE = 0, 6  # node and feature of a tree: the distance to the target
 
 def comparison(difficulty: str, worlds: int) -> Comparison:
     """Make so many levels, and get them ready; every repeat has seeds of its own."""
-    spec = replace(stock.SPECS[difficulty], timetable=False)
+    levels_like = shipped()[difficulty]
+    nearest = StockLevels(
+        rules="stock", size=levels_like.size, trains=levels_like.trains, cities=levels_like.cities, timetable=False
+    )
 
     def once(repeat: int) -> list[Sample]:
         seeds = range(repeat * worlds, (repeat + 1) * worlds)
         generating, levels = timed(lambda: [generate(difficulty, seed) for seed in seeds])
-        drawing, drawn_ready, _ = _reset([stock.environment(spec, seed) for seed in seeds])
+        drawing, drawn_ready, _ = _reset([library_environment(nearest, seed) for seed in seeds])
         _, given_ready, distances = _reset([_given(level) for level in levels])
         for seed, level in zip(seeds, levels, strict=True):
             check_rails(level, f"{difficulty} {seed}")
@@ -120,9 +123,9 @@ def _load(difficulty: str, levels: dict[int, Level], distances: Sequence[list[fl
 
 
 def _bank(root: Path, difficulty: str, levels: dict[int, Level]) -> LevelBank:
-    path = root / difficulty / chunk_name(difficulty, [*levels])
+    path = root / difficulty / chunk_name(shipped()[difficulty], [*levels])
     path.parent.mkdir()
-    write_chunk(path, difficulty, [*levels], [*levels.values()])
+    write_chunk(path, shipped()[difficulty], [*levels], [*levels.values()])
     return LevelBank(root)
 
 

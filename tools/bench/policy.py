@@ -31,8 +31,9 @@ from flatland.envs.rail_env_action import RailEnvActions
 from numpy.typing import NDArray
 
 from common.levels.distributions import shipped
-from common.levels.legacy import forget_rails, generate
+from common.levels.legacy import forget_rails
 from common.levels.level import Level
+from common.levels.shipped import generate
 from common.policy.compiled import Twin
 from common.policy.networks import QNetwork, build_network, export_parameters, import_parameters
 from common.policy.player import Acting, network_layout, play

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.levels.distributions import shipped
-from common.levels.legacy import generate
+from common.levels.shipped import generate
 from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters
 from common.policy.player import Acting, network_layout, play

@@ -18,8 +18,9 @@ from flatland.envs.rail_env import RailEnv
 from numpy.typing import NDArray
 
 from common.levels.distributions import shipped
-from common.levels.legacy import forget_rails, generate
+from common.levels.legacy import forget_rails
 from common.levels.level import Level
+from common.levels.shipped import generate
 from common.rail.compiled.world import CompiledWorld
 from common.rail.from_flatland import level_of
 from common.rail.plain_env import plain_environment

@@ -1,193 +1,223 @@
-"""`python -m tools.levels.tasks TASK`: what the command line does with levels, in a process that may import flatland.
+"""`python -m tools.levels.tasks REQUEST`: what the command line does with levels, where flatland may be imported.
 
-How it answers: see `common.task`.
+The request is a file (see `common.levels.requests`); how the answers go: see `common.task`.
 """
 
-import argparse
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from common.levels import files, pickles
+from common.levels import files
 from common.levels.bank import LevelBank
 from common.levels.build import Progress, build, build_training
-from common.levels.chunks import BankError
-from common.levels.distributions import shipped
+from common.levels.chunks import BankError, key_of
+from common.levels.distributions import LevelFiles
 from common.levels.files import Groups, LevelFileError
-from common.levels.legacy import InfeasibleLevelError
+from common.levels.generate import InfeasibleLevelError
+from common.levels.held_out import AllHeldOutError
 from common.levels.level import Level
+from common.levels.prepare import prepare
+from common.levels.reading import ReadFile, read, shape_name
+from common.levels.requests import (
+    REQUESTS,
+    BuildRequest,
+    Drawn,
+    ExportRequest,
+    ImportRequest,
+    PrepareRequest,
+    ReplayRequest,
+    ShowRequest,
+    VerifyRequest,
+)
 from common.levels.supply import LevelSupply
 from common.seeding import evaluation_level_seed, training_level_seed
+from common.strict import ConfigError
 from common.task import Teller, carry_out, say
 from tools.levels.verify import verify
 
+MOST_EXPORTED = 100  # if no number is given
 
-def build_bank(options: argparse.Namespace) -> None:
+
+def build_bank(request: BuildRequest) -> None:
     """Build the training levels of some run seeds and the evaluation levels into a bank."""
-    built = {}
-    for difficulty in options.level:
-
-        def tell(progress: Progress, difficulty: str = difficulty) -> None:
-            say({"progress": {"of": difficulty, **vars(progress)}})
-
+    built, held = {}, {}
+    for name, levels in request.levels.items():
+        if isinstance(levels, LevelFiles):
+            raise ConfigError(f"--level {name}: these levels come out of files, so there is nothing to build")
+        tell = partial(_tell, name)
+        prepare(request.bank, name, levels, request.processes, tell)
         training = [
             training_level_seed(run, episode)
-            for run in range(options.first_seed, options.last_seed + 1)
-            for episode in range(options.episodes)
+            for run in range(request.first_seed, request.last_seed + 1)
+            for episode in range(request.episodes)
         ]
-        evaluation = [evaluation_level_seed(index) for index in range(options.evaluation)]
-        built[difficulty] = build(options.bank, difficulty, evaluation, options.processes, tell)
-        built[difficulty] += build_training(options.bank, difficulty, training, options.processes, tell)
-    bank = LevelBank(options.bank)
-    say(
-        {"bank": str(options.bank), "built": built, "levels": {name: len(bank.seeds(name)) for name in list(shipped())}}
-    )
+        count = levels.held_out if request.evaluation is None else request.evaluation
+        evaluation = [evaluation_level_seed(index) for index in range(count)]
+        before = len(LevelBank(request.bank).seeds(key_of(levels)))
+        build(request.bank, levels, evaluation, request.processes, tell)
+        build_training(request.bank, levels, training, request.processes, tell)
+        held[name] = len(LevelBank(request.bank).seeds(key_of(levels)))
+        built[name] = held[name] - before
+    say({"bank": str(request.bank), "built": built, "levels": held})
 
 
-def verify_bank(options: argparse.Namespace) -> None:
+def _tell(name: str, progress: Progress) -> None:
+    say({"progress": {"of": name, **vars(progress)}})
+
+
+def prepare_levels(request: PrepareRequest) -> None:
+    """Find out what distributions hold out."""
+    for name, levels in request.levels.items():
+        prepare(request.bank, name, levels, request.processes, partial(_tell, name))
+    say({"prepared": list(request.levels)})
+
+
+def verify_bank(request: VerifyRequest) -> None:
     """Check all levels of a bank."""
-    say({"bank": str(options.bank), "levels": verify(options.bank, options.sample, Teller("levels").tell)})
+    known = {key_of(levels): levels for levels in request.levels.values() if not isinstance(levels, LevelFiles)}
+    count = verify(request.bank, request.sample, known, Teller("levels").tell)
+    say({"bank": str(request.bank), "levels": count})
 
 
-def replay(options: argparse.Namespace) -> None:
+def replay(request: ReplayRequest) -> None:
     """Replay recorded episodes, and count where they differ."""
     from tools.recordings.replay import replay_file  # noqa: PLC0415  (compiled code, which no other task needs)
 
-    say({"file": str(options.file), **replay_file(options.file, Teller("episodes").tell).document()})
+    say({"file": str(request.file), **replay_file(request.file, Teller("episodes").tell).document()})
 
 
-def show(options: argparse.Namespace) -> None:
+def show(request: ShowRequest) -> None:
     """Draw one level."""
     from tools.levels.draw import draw  # noqa: PLC0415  (matplotlib, which no other task needs)
     from tools.levels.routes import numbers  # noqa: PLC0415
 
-    level, title = _chosen(options)
+    level, title, left_out = _chosen(request)
     facts = numbers(level)
+    schedule = level.schedule
     say(
         {
-            "picture": str(draw(level, options.output, title)),
+            "picture": str(draw(level, request.output, title)),
             "title": title,
             "trains": level.n_trains,
             "max_steps": level.max_steps,
             "rail_cells": facts.rail_cells,
             "switches": facts.switches,
             "distances": facts.distances,
+            "speeds": [1.0] * level.n_trains
+            if schedule is None
+            else (schedule.speeds[:, 0] / schedule.speeds[:, 1]).tolist(),
+            "malfunctions": schedule and schedule.malfunctions and schedule.malfunctions._asdict(),
+            "left_out": left_out,
             "content_hash": level.content_hash,
         }
     )
 
 
-def _chosen(options: argparse.Namespace) -> tuple[Level, str]:
-    if options.file is None:
-        supply = LevelSupply(None, options.bank)
-        if options.evaluation is not None:
-            return supply.evaluation(
-                options.level, options.evaluation
-            ), f"{options.level}, evaluation {options.evaluation}"
-        return supply.level(options.level, options.seed), f"{options.level}, seed {options.seed}"
-    groups = read(options.file)
-    name = options.group or next(iter(groups))
+def _chosen(request: ShowRequest) -> tuple[Level, str, list[str]]:
+    """The level that is asked for, its title, and what of its file is left out."""
+    drawn = request.drawn
+    if drawn is not None:
+        supply, index = _supply(drawn), request.evaluation
+        if index is not None:
+            return supply.evaluation(drawn.name, index), f"{drawn.name}, evaluation {index}", []
+        return supply.level(drawn.name, request.seed), f"{drawn.name}, seed {request.seed}", []
+    assert request.file is not None  # noqa: S101  (it is one or the other)
+    found = read(request.file)
+    groups = found.groups
+    name = request.group or next(iter(groups))
     if name not in groups:
-        raise LevelFileError(f"{options.file} has no group {name}: it has {', '.join(groups)}")
-    if not 0 <= options.index < len(groups[name]):
+        raise LevelFileError(f"{request.file} has no group {name}: it has {', '.join(groups)}")
+    if not 0 <= request.index < len(groups[name]):
         raise LevelFileError(
-            f"{options.file}: no level of index {options.index} in {name}, the last is {len(groups[name]) - 1}"
+            f"{request.file}: no level of index {request.index} in {name}, the last is {len(groups[name]) - 1}"
         )
-    return groups[name][options.index], f"{options.file.name}: {name} {options.index}"
+    title = f"{request.file.name}: {name} {request.index}"
+    return groups[name][request.index], title, found.left_out
 
 
-def read(path: Path) -> Groups:
-    """The levels of a .npz or .pkl file; one without a name is named after its shape."""
-    if path.suffix != ".pkl":
-        return files.load(path)
-    level = pickles.load_pickle(path)
-    height, width = level.grid.shape
-    return {f"{height}x{width}_{level.n_trains}_trains": [level]}
+def _supply(drawn: Drawn) -> LevelSupply:
+    return LevelSupply({drawn.name: drawn.levels}, drawn.bank, base=drawn.base)
 
 
-def import_files(options: argparse.Namespace) -> None:
+def import_files(request: ImportRequest) -> None:
     """Gather the levels of several files in one .npz file."""
     groups: Groups = {}
-    for path in options.files:
-        for name, levels in read(path).items():
-            groups.setdefault(options.group or name, []).extend(levels)
-    files.save(options.output, groups)
-    say({"file": str(options.output), "groups": {name: len(levels) for name, levels in groups.items()}})
+    left_out = []
+    for path in request.files:
+        found = read(path)
+        left_out += [f"{path}: {text}" for text in found.left_out]
+        for name, levels in found.groups.items():
+            groups.setdefault(request.group or name, []).extend(levels)
+    files.save(request.output, groups)
+    say({"file": str(request.output), "groups": _counts(groups), "left_out": left_out})
 
 
-def export(options: argparse.Namespace) -> None:
-    """Write levels of the bank, the generator or a file as one .npz file, or as .pkl files for flatland's tools."""
-    groups = read(options.file) if options.file else {options.level: list(_drawn(options))}
-    if options.output.suffix == ".npz":
-        files.save(options.output, groups)
+def export(request: ExportRequest) -> None:
+    """Write levels of a distribution or a file as one .npz file, or as .pkl files for flatland's tools."""
+    if request.drawn is not None:
+        found = ReadFile(_by_shape(request.drawn.name, list(_drawn(request, request.drawn))), [])
+    else:
+        assert request.file is not None  # noqa: S101  (it is one or the other)
+        found = read(request.file)
+    groups = found.groups
+    if request.output.suffix == ".npz":
+        files.save(request.output, groups)
         written = 1
     else:
-        from tools.levels.export import save_pickle  # noqa: PLC0415  (flatland's files are not for every task)
-
-        options.output.mkdir(parents=True, exist_ok=True)
-        written = 0
-        for name, levels in groups.items():
-            for index, level in enumerate(levels):
-                save_pickle(options.output / f"{name}_{index:04d}.pkl", level)
-                written += 1
-    counts = {name: len(levels) for name, levels in groups.items()}
-    say({"output": str(options.output), "files": written, "groups": counts})
+        written = _write_pickles(request.output, groups)
+    say({"output": str(request.output), "files": written, "groups": _counts(groups), "left_out": found.left_out})
 
 
-def _drawn(options: argparse.Namespace) -> Iterator[Level]:
-    supply = LevelSupply(None, options.bank)
-    for index in range(options.count):
-        if options.seed is None:
-            yield supply.evaluation(options.level, index)
-        else:
-            yield supply.training(options.level, training_level_seed(options.seed, index))
+def _write_pickles(folder: Path, groups: Groups) -> int:
+    from tools.levels.export import save_pickle  # noqa: PLC0415  (flatland's files are not for every task)
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, levels in groups.items():
+        for index, level in enumerate(levels):
+            save_pickle(folder / f"{name}_{index:04d}.pkl", level)
+    return sum(map(len, groups.values()))
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(description="Works on levels.")
-    tasks = parser.add_subparsers(required=True)
-    task = tasks.add_parser("build")
-    task.set_defaults(run=build_bank)
-    task.add_argument("--bank", type=Path, required=True)
-    task.add_argument("--level", choices=list(shipped()), nargs="+", required=True)
-    for option in ("--first-seed", "--last-seed", "--episodes", "--evaluation", "--processes"):
-        task.add_argument(option, type=int, required=True)
-    task = tasks.add_parser("verify")
-    task.set_defaults(run=verify_bank)
-    task.add_argument("--bank", type=Path, required=True)
-    task.add_argument("--sample", type=int, default=100)
-    task = tasks.add_parser("replay")
-    task.set_defaults(run=replay)
-    task.add_argument("file", type=Path)
-    task = tasks.add_parser("show")
-    task.set_defaults(run=show)
-    task.add_argument("--file", type=Path)
-    task.add_argument("--group")
-    task.add_argument("--index", type=int, default=0)
-    task.add_argument("--bank", type=Path)
-    task.add_argument("--level", choices=list(shipped()), default="easy")
-    task.add_argument("--seed", type=int, default=0)
-    task.add_argument("--evaluation", type=int)
-    task.add_argument("--output", type=Path, required=True)
-    task = tasks.add_parser("import")
-    task.set_defaults(run=import_files)
-    task.add_argument("files", type=Path, nargs="+")
-    task.add_argument("--group")
-    task.add_argument("--output", type=Path, required=True)
-    task = tasks.add_parser("export")
-    task.set_defaults(run=export)
-    task.add_argument("--file", type=Path)
-    task.add_argument("--bank", type=Path)
-    task.add_argument("--level", choices=list(shipped()), default="easy")
-    task.add_argument("--count", type=int, default=100)
-    task.add_argument("--seed", type=int)
-    task.add_argument("--output", type=Path, required=True)
-    return parser
+def _drawn(request: ExportRequest, drawn: Drawn) -> Iterator[Level]:
+    supply = _supply(drawn)
+    if request.seed is None:
+        there = drawn.levels.evaluation_levels
+        for index in range(request.count or min(MOST_EXPORTED, there)):
+            yield supply.evaluation(drawn.name, index)
+    else:
+        for episode in range(request.count or MOST_EXPORTED):
+            yield supply.training(drawn.name, training_level_seed(request.seed, episode))
+
+
+def _by_shape(name: str, levels: Sequence[Level]) -> Groups:
+    """A group of this name, or one a shape if there are several."""
+    shapes: Groups = {}
+    for level in levels:
+        shapes.setdefault(shape_name(level), []).append(level)
+    return {name: list(levels)} if len(shapes) == 1 else {f"{name}_{shape}": some for shape, some in shapes.items()}
+
+
+def _counts(groups: Groups) -> dict[str, int]:
+    return {name: len(levels) for name, levels in groups.items()}
+
+
+TASKS: dict[type, Callable[[Any], None]] = {
+    BuildRequest: build_bank,
+    PrepareRequest: prepare_levels,
+    VerifyRequest: verify_bank,
+    ReplayRequest: replay,
+    ShowRequest: show,
+    ImportRequest: import_files,
+    ExportRequest: export,
+}
 
 
 def main() -> None:
-    """Do what the arguments say."""
-    options = _parser().parse_args()
-    carry_out(lambda: options.run(options), BankError, LevelFileError, InfeasibleLevelError)
+    """Do what the request says."""
+    request = REQUESTS.validate_json(Path(sys.argv[1]).read_text())
+    carry_out(lambda: TASKS[type(request)](request), BankError, LevelFileError, InfeasibleLevelError, AllHeldOutError)
 
 
 if __name__ == "__main__":

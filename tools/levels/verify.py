@@ -1,19 +1,26 @@
 """Checking a level bank: every level is as it was written, and a sample is what the generator draws today."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from common.levels.bank import LevelBank
 from common.levels.chunks import BankError
-from common.levels.legacy import generate
+from common.levels.distributions import Generated
+from common.levels.generate import generate
 
 
-def verify(root: Path, sample: int, on_level: Callable[[int, int], None] = lambda _done, _total: None) -> int:
+def verify(
+    root: Path,
+    sample: int,
+    known: Mapping[str, Generated],
+    on_level: Callable[[int, int], None] = lambda _done, _total: None,
+) -> int:
     """Read all levels of a bank, and draw an even sample of them again; returns how many levels there are.
 
     Args:
         root: the bank's folder.
-        sample: how many levels to draw again, at most.
+        sample: how many levels to draw again, at most; those of unknown distributions cannot be.
+        known: the distributions, by the names of their folders.
         on_level: told the number of levels that have been checked, and of all.
 
     Raises:
@@ -24,12 +31,12 @@ def verify(root: Path, sample: int, on_level: Callable[[int, int], None] = lambd
     every = max(1, total // sample) if sample else total + 1
     done = 0
     for chunk in chunks:
+        levels = known.get(chunk.key)
         for row, seed in enumerate(chunk.seeds):
             level = chunk.level(row)
-            if done % every == every - 1 and generate(chunk.difficulty, seed).content_hash != level.content_hash:
-                raise BankError(
-                    f"{chunk.path} holds another {chunk.difficulty} level than the generator makes of {seed}"
-                )
+            is_drawn = done % every == every - 1
+            if is_drawn and levels and generate(levels, seed).content_hash != level.content_hash:
+                raise BankError(f"{chunk.path} holds another {chunk.key} level than the generator makes of {seed}")
             done += 1
             on_level(done, total)
     return total

@@ -1,0 +1,10 @@
+"""The distributions that ship with the project: see `common.levels.distributions.shipped`."""
+
+from common.levels.distributions import shipped
+from common.levels.generate import generate as generate_any
+from common.levels.level import Level
+
+
+def generate(name: str, seed: int) -> Level:
+    """The level of `seed` of one of them."""
+    return generate_any(shipped()[name], seed)

@@ -7,12 +7,13 @@ from typing import Annotated
 import typer
 
 from common.levels.bank import bank_root
-from common.levels.distributions import shipped
+from common.levels.distributions import LevelFiles
+from common.levels.requests import BuildRequest
 from common.strict import ConfigError
-from deploy.commands.levels.options import TASKS, Bank, known, option
+from deploy.commands.levels.options import Bank, RunFile, chosen
+from deploy.levels import ask, known_levels
 from deploy.output import AsJson, one_line_errors, say
 from deploy.runs import runs_root
-from deploy.task import run_task
 
 SEEDS = re.compile(r"^(\d+)(?:-(\d+))?$")
 
@@ -20,11 +21,14 @@ SEEDS = re.compile(r"^(\d+)(?:-(\d+))?$")
 @one_line_errors
 def build(
     level: Annotated[
-        list[str] | None, typer.Option(help="easy, medium or hard; may be repeated; default: all.")
+        list[str] | None, typer.Option(help="Name of levels; may be repeated; default: all that can be built.")
     ] = None,
+    file: RunFile = None,
     seeds: Annotated[str, typer.Option(help="Seeds of the runs that shall find their levels, as 3 or 1-10.")] = "1-10",
     episodes: Annotated[int, typer.Option(help="Training episodes of each run.", min=0)] = 1500,
-    evaluation: Annotated[int, typer.Option(help="Evaluation levels.", min=0)] = 1000,
+    evaluation: Annotated[
+        int | None, typer.Option(help="Evaluation levels; default: all that are held out.", min=0)
+    ] = None,
     processes: Annotated[int | None, typer.Option(help="Processes to build with; default: one a core.", min=1)] = None,
     bank: Bank = None,
     as_json: AsJson = False,
@@ -33,14 +37,18 @@ def build(
     found = SEEDS.match(seeds)
     if found is None:
         raise ConfigError(f"--seeds {seeds!r}: use a number, or two as 1-10")
-    first, last = found[1], found[2] or found[1]
-    result = run_task(
-        TASKS,
-        "build",
-        *option("--bank", bank or bank_root(runs_root())),
-        *("--level", *[known(name) for name in level or list(shipped())]),
-        *("--first-seed", first, "--last-seed", last, "--episodes", str(episodes), "--evaluation", str(evaluation)),
-        *option("--processes", processes or len(os.sched_getaffinity(0))),
+    known = known_levels(file)
+    names = level or [name for name, levels in known.items() if not isinstance(levels, LevelFiles)]
+    result = ask(
+        BuildRequest(
+            bank=bank or bank_root(runs_root()),
+            levels=chosen(names, file),
+            first_seed=int(found[1]),
+            last_seed=int(found[2] or found[1]),
+            episodes=episodes,
+            evaluation=evaluation,
+            processes=processes or len(os.sched_getaffinity(0)),
+        )
     )
     counts = ", ".join(f"{count} {name}" for name, count in result["levels"].items())
     say(f"{result['bank']} holds {counts}; {sum(result['built'].values())} new", result, as_json=as_json)

@@ -1,36 +1,47 @@
 """railctl levels import and export: levels from and for flatland-rl and numpy."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from common.levels.bank import bank_root
-from deploy.commands.levels.options import TASKS, Bank, Level, LevelFile, known, option
+from common.levels.requests import ExportRequest, ImportRequest
+from common.strict import ConfigError
+from deploy.commands.levels.options import Bank, Level, LevelFile, RunFile, drawn_from
+from deploy.levels import ask
 from deploy.output import AsJson, counted, one_line_errors, say
 from deploy.runs import runs_root
-from deploy.task import run_task
 
 
 @one_line_errors
 def import_(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE", help=".pkl of flatland-rl, or .npz.", exists=True)],
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE", help=".pkl or .mpk of flatland-rl since 2.0, or .npz.", exists=True),
+    ],
     output: Annotated[Path, typer.Option(help="The .npz file to write.")] = Path("levels.npz"),
     group: Annotated[str | None, typer.Option(help="Put all levels into one group of this name.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Gather levels of flatland-rl pickles or .npz files in one .npz file; speeds and timetables are left out."""
-    result = run_task(TASKS, "import", *map(str, files), *option("--group", group), *option("--output", output))
-    say(f"{output}: {_counts(result['groups'])}", result, as_json=as_json)
+    """Gather levels of flatland-rl's files or .npz files in one .npz file.
+
+    Speeds, malfunctions and timetables come along; what a level cannot say is named.
+    """
+    result = ask(ImportRequest(files=tuple(files), group=group, output=output))
+    say("\n".join([f"{output}: {_counts(result['groups'])}", *_left_out(result)]), result, as_json=as_json)
 
 
 @one_line_errors
 def export(
-    file: LevelFile = None,
+    levels: LevelFile = None,
     level: Level = "easy",
-    count: Annotated[int, typer.Option(help="How many levels.", min=1)] = 100,
+    file: RunFile = None,
+    count: Annotated[
+        int | None, typer.Option(help="How many levels; default: 100, or all evaluation levels.", min=1)
+    ] = None,
     seed: Annotated[
-        int | None, typer.Option(help="Training levels of runs with this seed; default: evaluation levels.")
+        int | None, typer.Option(help="Training levels of runs with this seed; default: evaluation levels.", min=0)
     ] = None,
     output: Annotated[Path, typer.Option(help="A .npz file, or a folder for .pkl files of flatland-rl.")] = Path(
         "levels.npz"
@@ -39,18 +50,17 @@ def export(
     as_json: AsJson = False,
 ) -> None:
     """Write levels to a file, for other programs or for flatland-rl's own tools."""
-    result = run_task(
-        TASKS,
-        "export",
-        *option("--file", file),
-        *option("--bank", bank or bank_root(runs_root())),
-        *option("--level", known(level)),
-        *option("--count", count),
-        *option("--seed", seed),
-        *option("--output", output),
-    )
-    say(f"{output}: {_counts(result['groups'])} in {counted(result['files'], 'file')}", result, as_json=as_json)
+    if levels is not None and file is not None:
+        raise ConfigError(f"-f {file}: the levels come out of {levels}, leave one out")
+    drawn = None if levels is not None else drawn_from(level, file, bank or bank_root(runs_root()))
+    result = ask(ExportRequest(file=levels, drawn=drawn, count=count, seed=seed, output=output))
+    text = f"{output}: {_counts(result['groups'])} in {counted(result['files'], 'file')}"
+    say("\n".join([text, *_left_out(result)]), result, as_json=as_json)
 
 
 def _counts(groups: dict[str, int]) -> str:
     return ", ".join(f"{counted(count, 'level')} of {name}" for name, count in groups.items())
+
+
+def _left_out(result: dict[str, Any]) -> list[str]:
+    return [f"left out: {what}" for what in result["left_out"]]

@@ -5,23 +5,39 @@ from typing import Annotated
 
 import typer
 
-from common.levels.distributions import shipped
+from common.levels.distributions import AnyLevels, shipped
+from common.levels.requests import Drawn
 from common.strict import ConfigError, nearest
-
-TASKS = "tools.levels.tasks"  # the process that does the work
+from deploy.levels import known_levels
 
 Bank = Annotated[
     Path | None, typer.Option(help="The bank's folder; default: $RAILCTL_LEVELS, or .levels beside the runs.")
 ]
-Level = Annotated[str, typer.Option(help="easy, medium or hard.")]
-LevelFile = Annotated[Path | None, typer.Argument(metavar="FILE", help="A .npz or .pkl file.", exists=True)]
+RunFile = Annotated[
+    Path | None, typer.Option("--file", "-f", help="Run file whose own levels are known, too.", exists=True)
+]
+Level = Annotated[
+    str, typer.Option(help=f"{', '.join(shipped())}, or a name under `levels` of the run file given with -f.")
+]
+LevelFile = Annotated[
+    Path | None, typer.Argument(metavar="FILE", help="A .npz file, or a .pkl or .mpk of flatland-rl.", exists=True)
+]
 
 
-def option(name: str, value: object) -> list[str]:
-    return [] if value is None else [name, str(value)]
+def chosen(names: list[str], file: Path | None) -> dict[str, AnyLevels]:
+    """The distributions of these names, of those that ship and those of a run file.
+
+    Raises:
+        ConfigError: there is none of a name.
+    """
+    known = known_levels(file)
+    for name in names:
+        if name not in known:
+            raise ConfigError(f"--level {name!r}{nearest(name, list(known))}")
+    return {name: known[name] for name in names}
 
 
-def known(level: str) -> str:
-    if level not in list(shipped()):
-        raise ConfigError(f"--level {level!r}{nearest(level, list(list(shipped())))}")
-    return level
+def drawn_from(name: str, file: Path | None, bank: Path) -> Drawn:
+    """Levels of a distribution, as a request; raises as `chosen`."""
+    base = Path() if file is None else file.parent
+    return Drawn(name=name, levels=chosen([name], file)[name], bank=bank, base=base.resolve())

@@ -6,16 +6,19 @@ from typing import Annotated
 import typer
 
 from common.levels.bank import bank_root
-from deploy.commands.levels.options import TASKS, Bank, Level, LevelFile, known, option
+from common.levels.requests import ShowRequest
+from common.strict import ConfigError
+from deploy.commands.levels.options import Bank, Level, LevelFile, RunFile, drawn_from
+from deploy.levels import ask
 from deploy.output import AsJson, counted, one_line_errors, say
 from deploy.runs import runs_root
-from deploy.task import run_task
 
 
 @one_line_errors
 def show(
-    file: LevelFile = None,
+    levels: LevelFile = None,
     level: Level = "easy",
+    file: RunFile = None,
     seed: Annotated[int, typer.Option(help="Seed of the generator.", min=0)] = 0,
     evaluation: Annotated[int | None, typer.Option(help="Or the number of an evaluation level.", min=0)] = None,
     group: Annotated[str | None, typer.Option(help="Group in a .npz file; default: the first.")] = None,
@@ -25,20 +28,16 @@ def show(
     as_json: AsJson = False,
 ) -> None:
     """Draw a level: rails, trains with their headings, targets and shortest ways."""
-    result = run_task(
-        TASKS,
-        "show",
-        *option("--file", file),
-        *option("--bank", bank or bank_root(runs_root())),
-        *option("--level", known(level)),
-        *option("--seed", seed),
-        *option("--evaluation", evaluation),
-        *option("--group", group),
-        *option("--index", index),
-        *option("--output", output),
+    if levels is not None and file is not None:
+        raise ConfigError(f"-f {file}: the level comes out of {levels}, leave one out")
+    drawn = None if levels is not None else drawn_from(level, file, bank or bank_root(runs_root()))
+    result = ask(
+        ShowRequest(file=levels, drawn=drawn, seed=seed, evaluation=evaluation, group=group, index=index, output=output)
     )
     text = (
         f"{result['title']}: {counted(result['trains'], 'train')}, {result['rail_cells']} cells of rail, "
-        f"{result['switches']} switches, {result['max_steps']} steps\npicture  {result['picture']}"
+        f"{result['switches']} switches, {result['max_steps']} steps\n"
+        f"picture  {result['picture']}"
     )
-    say(text, result, as_json=as_json)
+    left_out = [f"left out: {what}" for what in result["left_out"]]
+    say("\n".join([text, *left_out]), result, as_json=as_json)

@@ -7,12 +7,13 @@ from typing import Annotated, Any
 import typer
 
 from common.levels.bank import bank_root
+from common.levels.requests import ReplayRequest, VerifyRequest
 from common.strict import ConfigError
 from common.task import FAILED
-from deploy.commands.levels.options import TASKS, Bank, option
+from deploy.commands.levels.options import Bank, RunFile
+from deploy.levels import ask, known_levels
 from deploy.output import AsJson, counted, one_line_errors, say
 from deploy.runs import runs_root
-from deploy.task import run_task
 
 SAMPLE = 100
 
@@ -23,7 +24,8 @@ Recordings = Annotated[
 
 @one_line_errors
 def verify(
-    file: Recordings = None,
+    recordings: Recordings = None,
+    file: RunFile = None,
     sample: Annotated[
         int | None, typer.Option(help=f"How many of the bank's levels to generate again; default: {SAMPLE}.", min=0)
     ] = None,
@@ -32,21 +34,18 @@ def verify(
 ) -> None:
     """Check the bank, or replay the recorded episodes of a file under the rules of flatland 2.2.2.
 
-    Without FILE: every level of the bank against its hash, and a sample against the generator.
+    Without FILE: every level of the bank against its hash, and a sample against the generator, of those levels that
+    ship and those of the run file given with -f.
     """
-    if file is None:
+    if recordings is None:
         root = bank or bank_root(runs_root())
-        result = run_task(
-            TASKS,
-            "verify",
-            *option("--bank", root),
-            *option("--sample", SAMPLE if sample is None else sample),
-        )
+        wanted = SAMPLE if sample is None else sample
+        result = ask(VerifyRequest(bank=root, levels=known_levels(file), sample=wanted))
         say(f"{root}: no change in {counted(result['levels'], 'level')}", result, as_json=as_json)
         return
-    if sample is not None or bank is not None:
-        raise ConfigError(f"--sample and --bank are for checking the bank: to replay {file}, leave them out")
-    result = run_task(TASKS, "replay", str(file))
+    if sample is not None or bank is not None or file is not None:
+        raise ConfigError(f"--sample, --bank and -f are for checking the bank: to replay {recordings}, leave them out")
+    result = ask(ReplayRequest(file=recordings))
     say(_found(result), result, as_json=as_json)
     if any(result["mismatches"].values()):
         sys.exit(FAILED)

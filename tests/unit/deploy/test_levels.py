@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from common.levels import files
 from common.levels.bank import LevelBank
-from common.levels.legacy import generate
+from common.levels.shipped import generate
 from common.levels.supply import LevelSupply
 from common.seeding import evaluation_level_seed, training_level_seed
 from deploy.cli import app

@@ -16,7 +16,7 @@ from common.levels import chunks
 from common.levels.bank import LevelBank
 from common.levels.build import Progress, build
 from common.levels.chunks import HEADER_BYTES, BankError
-from common.levels.legacy import generate
+from common.levels.shipped import generate
 
 SEEDS = list(range(100, 112))
 CHUNK = 4

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from common.levels.pickles import load_pickle
 from flatland.envs.line_generators import sparse_line_generator
 from flatland.envs.persistence import RailEnvPersister
 from flatland.envs.rail_env import RailEnv
@@ -13,9 +14,8 @@ from flatland.envs.rail_generators import sparse_rail_generator
 
 from common.levels import files
 from common.levels.files import LevelFileError
-from common.levels.legacy import generate
 from common.levels.level import Level
-from common.levels.pickles import load_pickle
+from common.levels.shipped import generate
 from tools.levels.export import save_pickle
 
 LEVELS = [generate("easy", seed) for seed in range(3)]

@@ -10,8 +10,8 @@ from common.levels import held_out
 from common.levels.bank import LevelBank
 from common.levels.build import build, build_training
 from common.levels.held_out import HELD_OUT_LEVELS, is_held_out, retry_seed, training_level
-from common.levels.legacy import generate
 from common.levels.level import Level
+from common.levels.shipped import generate
 from common.levels.supply import LevelSupply
 from common.seeding import EVALUATION_BIT, evaluation_level_seed, training_level_seed
 

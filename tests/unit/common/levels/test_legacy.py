@@ -18,7 +18,7 @@ from common.seeding import evaluation_level_seed, training_level_seed
 
 LARGEST_SEED = 2**32 - 1
 HASHES = f"""
-from common.levels.legacy import generate
+from common.levels.shipped import generate
 for difficulty in {DIFFICULTIES}:
     print(generate(difficulty, 5).content_hash, generate(difficulty, {LARGEST_SEED}).content_hash)
 """

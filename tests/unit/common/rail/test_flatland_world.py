@@ -5,8 +5,8 @@ import random
 import numpy as np
 import pytest
 
-from common.levels.legacy import generate
 from common.levels.level import Level
+from common.levels.shipped import generate
 from common.rail.decisions import decision_cells
 from common.rail.flatland_world import FlatlandEpisode, FlatlandWorld
 from common.rail.world import DO_NOTHING, MOVE_FORWARD, MOVE_LEFT, STOP_MOVING, World

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from common.levels.legacy import generate
+from common.levels.shipped import generate
 from common.rail.flatland_env import LevelEnv
 from common.rail.from_flatland import UnsupportedEnvironmentError, level_of
 from tools.bench.world import MALFUNCTIONS, environment

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from common.config import DIFFICULTIES, NetworkConfig
-from common.levels.legacy import generate
+from common.levels.shipped import generate
 from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters
 from common.policy.player import MAX_TRAINS, Acting, network_layout, play

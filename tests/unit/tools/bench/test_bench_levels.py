@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from common.config import DIFFICULTIES
-from common.levels.legacy import generate
+from common.levels.shipped import generate
 from common.rail.compiled.world import CompiledWorld
 from tools.bench.levels import check_rails, comparison, comparisons
 from tools.bench.measuring import DisagreementError, measure

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from common.config import DIFFICULTIES, Difficulty
-from common.levels.legacy import generate
 from common.levels.level import Level
+from common.levels.shipped import generate
 from common.policy import bench_policy
 from common.policy.compiled import Twin
 from common.policy.networks import export_parameters

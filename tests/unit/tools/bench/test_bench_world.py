@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from common.levels.legacy import generate
+from common.levels.shipped import generate
 from common.rail.compiled.world import CompiledWorld
 from tools.bench.measuring import DisagreementError, measure
 from tools.bench.world import comparison, comparisons

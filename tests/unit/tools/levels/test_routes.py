@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from common.config import DIFFICULTIES, Difficulty
-from common.levels.legacy import generate
 from common.levels.level import Level
 from common.levels.lines import find_line, lay_line
+from common.levels.shipped import generate
 from common.rail.flatland_world import FlatlandWorld
 from tools.levels.routes import numbers, shortest_route
 

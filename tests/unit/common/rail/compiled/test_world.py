@@ -6,8 +6,8 @@ import pytest
 from made_rails import line, scheduled
 
 from common.levels.distributions import Bounds
-from common.levels.legacy import generate
 from common.levels.level import Level, Malfunctions
+from common.levels.shipped import generate
 from common.rail.compiled.arrays import DONE, NOWHERE
 from common.rail.compiled.looking import look_at_all
 from common.rail.compiled.tree import LEGACY, REPAIRED, STOCK, nodes_of

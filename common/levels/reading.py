@@ -1,0 +1,49 @@
+"""Levels out of a file of any kind: ours (.npz), or flatland-rl's (.pkl, .mpk)."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+from common.levels import files
+from common.levels.files import Groups
+from common.levels.flatland.reading import read_level
+from common.levels.level import Level
+
+ARCHIVE = b"PK"  # begins a .npz file, whatever it is called
+
+
+class ReadFile(NamedTuple):
+    """What is in a file.
+
+    Attributes:
+        groups: levels by the name of their group; one without a name is named after its shape.
+        left_out: what the file says and levels cannot, in words.
+    """
+
+    groups: Groups
+    left_out: list[str]
+
+
+def read(path: Path) -> ReadFile:
+    """Read a file of levels.
+
+    Raises:
+        LevelFileError: it cannot be read, or something in it is no level.
+    """
+    if path.suffix == ".npz" or _begins_as_archive(path):
+        return ReadFile(files.load(path), [])
+    found = read_level(path)
+    return ReadFile({shape_name(found.level): [found.level]}, found.left_out)
+
+
+def shape_name(level: Level) -> str:
+    """What a level is called that has no name."""
+    height, width = level.grid.shape
+    return f"{height}x{width}_{level.n_trains}_train{'' if level.n_trains == 1 else 's'}"
+
+
+def _begins_as_archive(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return file.read(len(ARCHIVE)) == ARCHIVE
+    except OSError:
+        return False
