@@ -12,6 +12,7 @@ import uuid
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
+from types import MappingProxyType
 
 import yaml
 
@@ -19,6 +20,7 @@ from common.checkpoint import CheckpointError
 from common.config import RunConfig
 from common.folder import RunFolder, write_atomically
 from common.interpreter import run_module
+from common.levels.own import LEVELS, ReadLevels
 from common.locks import living
 from common.snapshots import newest_snapshot
 from common.strict import ConfigError
@@ -40,8 +42,16 @@ def fresh_name(config: RunConfig) -> str:
     return name
 
 
-def new_run(name: str, config: RunConfig, root: Path | None = None) -> RunFolder:
-    """Make the folder of a new run, whole or not at all; without a root it lies beside all others.
+def new_run(
+    name: str, config: RunConfig, root: Path | None = None, own: Mapping[str, ReadLevels] = MappingProxyType({})
+) -> RunFolder:
+    """Make the folder of a new run, with its copies of level files, whole or not at all.
+
+    Args:
+        name: of the run.
+        config: what it does.
+        root: the folder that it shall lie in; None: beside all other runs.
+        own: what its level files hold, by the name of the distribution.
 
     Raises:
         ConfigError: the name is not one.
@@ -56,6 +66,8 @@ def new_run(name: str, config: RunConfig, root: Path | None = None) -> RunFolder
         temporary.mkdir(parents=True)
         save_config(RunFolder(temporary), config)
         (temporary / "logs").mkdir()
+        for level, read in own.items():
+            read.save(temporary / LEVELS, level)
         temporary.rename(path)
     except OSError as error:
         shutil.rmtree(temporary, ignore_errors=True)
