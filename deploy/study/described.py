@@ -31,10 +31,28 @@ def find_study(name: str) -> Study:
         ConfigError: there is none, or it is wrong.
     """
     if Path(name).suffix in {".yaml", ".yml"}:
-        return read_study(Path(name))
+        return _found_from_anywhere(read_study(Path(name)), Path(name).parent.resolve())
     if name in shipped_studies():
         return read_study(SHIPPED / f"{name}.yaml")
     return read_study(find_folder(name).study_file)
+
+
+def _found_from_anywhere(study: Study, base: Path) -> Study:
+    """The study with paths of level files that start from the root: it goes on wherever somebody is."""
+    levels = study.settings.get("levels")
+    if not isinstance(levels, dict):
+        return study
+    rooted = {name: _rooted(found, base) if isinstance(found, dict) else found for name, found in levels.items()}
+    return study.model_copy(update={"settings": study.settings | {"levels": rooted}})
+
+
+def _rooted(levels: dict[str, Any], base: Path) -> dict[str, Any]:
+    def rooted(value: Any) -> Any:
+        if isinstance(value, list):
+            return [rooted(one) for one in value]
+        return str(base / value) if isinstance(value, str) else value
+
+    return {key: rooted(value) if key in ("files", "evaluation") else value for key, value in levels.items()}
 
 
 def named(study: Study, name: str | None) -> Study:
