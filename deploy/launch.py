@@ -54,12 +54,9 @@ def new_run(
         own: what its level files hold, by the name of the distribution.
 
     Raises:
-        ConfigError: the name is not one.
-        Failed: this machine cannot run it.
+        ConfigError, Failed: as `check_new`, or the folder cannot be made.
     """
-    if not NAME_FORM.fullmatch(name):
-        raise ConfigError(f"--name {name!r}: use letters, digits, '.', '_', '+' and '-', at most 100")
-    check_machine(config)
+    check_new(name, config)
     path = (root or runs_root()) / name
     temporary = path.with_name(f".{name}.{os.getpid()}")
     try:
@@ -75,6 +72,18 @@ def new_run(
             f"cannot create {path}: {error.strerror}: set RAILCTL_RUNS to a folder that you may write"
         ) from None
     return RunFolder(path)
+
+
+def check_new(name: str, config: RunConfig) -> None:
+    """See that a run can begin before anything is started or changed.
+
+    Raises:
+        ConfigError: the name is not one.
+        Failed: this machine cannot run it.
+    """
+    if not NAME_FORM.fullmatch(name):
+        raise ConfigError(f"--name {name!r}: use letters, digits, '.', '_', '+' and '-', at most 100")
+    check_machine(config)
 
 
 def check_existing(folder: RunFolder, config: RunConfig) -> None:
