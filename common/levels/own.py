@@ -180,7 +180,7 @@ def _read_all(name: str, key: str, patterns: Iterable[str], base: Path) -> tuple
         paths = sorted(base.glob(pattern)) if not Path(pattern).is_absolute() else _absolute(pattern)
         if not paths:
             raise ConfigError(
-                f"levels.{name}.{key} {pattern}: no such file: relative paths start from {base.resolve()}"
+                f"levels.{name}.{key} {pattern}: no such file in {base.resolve()}, where paths start"
             )
         for path in paths:
             try:
