@@ -69,8 +69,7 @@ def decode(record_type: type[R], encoding: str, body: bytes) -> R:
     if len(body) > MAX_MESSAGE_BYTES:
         raise Refused(f"{len(body)} bytes exceed the limit of {MAX_MESSAGE_BYTES}")
     try:
-        plain = unpackb(body, ext_hook=_unpack_array, strict_map_key=True)
-        return record_type.model_validate(plain)
+        return record_type.model_validate(unpack(body))
     except Refused:
         raise
     except ValidationError as error:
@@ -80,6 +79,15 @@ def decode(record_type: type[R], encoding: str, body: bytes) -> R:
     except Exception as error:  # noqa: BLE001
         # msgpack's C parser raises a family of unrelated exceptions on hostile bytes.
         raise Refused(f"{record_type.__name__}: not a message: {type(error).__name__}: {error!s:.300}") from None
+
+
+def unpack(body: bytes) -> Any:
+    """What is in a message, of whatever record: plain values and arrays.
+
+    Raises:
+        Exception: a whole family of them on hostile bytes; use `decode` for what comes from elsewhere.
+    """
+    return unpackb(body, ext_hook=_unpack_array, strict_map_key=True)
 
 
 def _pack_array(value: Any) -> ExtType:

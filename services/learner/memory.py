@@ -6,7 +6,8 @@ import numpy as np
 
 from common.checkpoint import Tensors
 from common.records.acting import Fragment
-from common.wire.codec import decode, encode, encoding_of
+from common.wire.codec import decode, encode, encoding_of, unpack
+from services.learner.former import fragment_of_flat
 
 # What the names of its arrays begin with:
 OLDER, SETTLED, OPEN = "weights/", "settled/", "open/"
@@ -44,7 +45,7 @@ def take_memory(snapshot: Tensors) -> Memory:
     """
     older: dict[int, Tensors] = {}
     settled: Tensors = {}
-    opened = []
+    opened: list[Fragment] = []
     for name in sorted(snapshot):
         if name.startswith(OLDER):
             version, _, parameter = name.removeprefix(OLDER).partition("/")
@@ -52,5 +53,10 @@ def take_memory(snapshot: Tensors) -> Memory:
         elif name.startswith(SETTLED):
             settled[name.removeprefix(SETTLED)] = snapshot.pop(name)
         elif name.startswith(OPEN):
-            opened.append(decode(Fragment, encoding_of(Fragment), snapshot.pop(name).tobytes()))
+            opened.append(_fragment(snapshot.pop(name).tobytes(), opened))
     return Memory(older, settled, opened)
+
+
+def _fragment(body: bytes, before: list[Fragment]) -> Fragment:
+    plain = unpack(body)
+    return fragment_of_flat(plain, before) if "lease" not in plain else decode(Fragment, encoding_of(Fragment), body)

@@ -25,13 +25,15 @@ from common.kernel import bare_kernel
 DRAWS: Final = 1_000_000
 KEY_WORDS: Final = 624
 SHIFT_WORDS: Final = 397
-AT_A_TIME: Final = 16  # words that are found together; they divide the key
+AT_A_TIME: Final = 4  # words that are found together; they divide the key
+UPPER, LOWER, TWIST = np.uint32(0x80000000), np.uint32(0x7FFFFFFF), np.uint32(0x9908B0DF)
+ONE, NONE = np.uint32(1), np.uint32(0)
 WHOLE: Final = float(1 << 53)  # a uniform is a multiple of its inverse
 
 
-def _jump() -> NDArray[np.int32]:
+def _jump() -> NDArray[np.uint32]:
     packed = np.frombuffer((Path(__file__).parent / "twister_jump.bin").read_bytes(), np.uint8)
-    return np.flatnonzero(np.unpackbits(packed, bitorder="little")).astype(np.int32)
+    return np.flatnonzero(np.unpackbits(packed, bitorder="little")).astype(np.uint32)
 
 
 JUMP: Final = _jump()  # which words add up to the one that is 2 * DRAWS ahead of the first
@@ -76,10 +78,10 @@ def seed_words(words: NDArray[np.uint32], seed: int) -> None:
 
 
 @bare_kernel
-def twisted(word: Any, following: Any, shifted: Any) -> Any:
+def twisted(word: np.uint32, following: np.uint32, shifted: np.uint32) -> np.uint32:
     """The word that comes `KEY_WORDS` after `word`, given the one after it and the one `SHIFT_WORDS` after it."""
-    bits = (word & 0x80000000) | (following & 0x7FFFFFFF)
-    return shifted ^ (bits >> 1) ^ (0x9908B0DF * (bits & 1))
+    bits = (word & UPPER) | (following & LOWER)
+    return shifted ^ (bits >> ONE) ^ (TWIST if bits & ONE else NONE)
 
 
 @bare_kernel
@@ -92,17 +94,25 @@ def tempered(word: Any) -> int:
 
 
 @bare_kernel
+def refill(words: NDArray[np.uint32]) -> None:
+    """Make the next key of a generator."""
+    turn = KEY_WORDS - SHIFT_WORDS
+    shifted, following = words[SHIFT_WORDS:], words[1:]
+    for at in range(turn):
+        words[at] = twisted(words[at], following[at], shifted[at])
+    rest, following = words[turn:], words[turn + 1 :]
+    for at in range(SHIFT_WORDS - 1):
+        rest[at] = twisted(rest[at], following[at], words[at])
+    last = KEY_WORDS - 1
+    words[last] = twisted(words[last], words[0], words[last - turn])
+
+
+@bare_kernel
 def next_word(words: NDArray[np.uint32]) -> int:
     """The next 32 bits of MT19937."""
     position: Any = np.int64(words[KEY_WORDS])  # numba would mix unsigned with signed to floats
     if position >= KEY_WORDS:
-        turn = KEY_WORDS - SHIFT_WORDS
-        for at in range(turn):
-            words[at] = twisted(np.int64(words[at]), np.int64(words[at + 1]), np.int64(words[at + SHIFT_WORDS]))
-        for at in range(turn, KEY_WORDS - 1):
-            words[at] = twisted(np.int64(words[at]), np.int64(words[at + 1]), np.int64(words[at - turn]))
-        last = KEY_WORDS - 1
-        words[last] = twisted(np.int64(words[last]), np.int64(words[0]), np.int64(words[last - turn]))
+        refill(words)
         position = 0
     words[KEY_WORDS] = position + 1
     return tempered(np.int64(words[position]))
@@ -149,16 +159,18 @@ def is_struck(world: np.void, uniforms: NDArray[np.uint32], known: NDArray[np.ui
 def find_words(world: np.void, later: NDArray[np.uint32], known: NDArray[np.uint32]) -> None:
     """Find the next words of the key that the generator has after a million uniforms."""
     found = int(world["found"])
-    if found == 0:  # the words after those of the key, one after the other
-        for at in range(KEY_WORDS, len(known)):
-            before = at - KEY_WORDS
-            word, following = np.int64(known[before]), np.int64(known[before + 1])
-            known[at] = twisted(word, following, np.int64(known[before + SHIFT_WORDS]))
-    later[found : found + AT_A_TIME] = 0
-    first = int(world["position"]) + found
-    for jump in JUMP:
-        for number in range(AT_A_TIME):
-            later[found + number] ^= known[first + jump + number]
+    if found == 0:  # the words after those of the key; some at a time, which do not depend on each other
+        turn = KEY_WORDS - SHIFT_WORDS
+        for begin in range(0, len(known) - KEY_WORDS, turn):
+            before, shifted, after = known[begin:], known[begin + SHIFT_WORDS :], known[begin + KEY_WORDS :]
+            for at in range(min(turn, len(after))):
+                after[at] = twisted(before[at], before[at + 1], shifted[at])
+    for number in range(found, found + AT_A_TIME):
+        ahead = known[int(world["position"]) + number :]
+        word = np.uint32(0)
+        for jump in JUMP:
+            word ^= ahead[jump]
+        later[number] = word
     world["found"] = found + AT_A_TIME
 
 

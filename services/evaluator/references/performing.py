@@ -13,6 +13,7 @@ from common.rail.compiled.arrays import NOTHING
 from common.rail.compiled.world import CompiledWorld, Parts
 from common.rail.world import DO_NOTHING
 from common.records.course import NONE, Course, Decisions
+from common.seeding import evaluation_malfunction_seed
 from services.evaluator.runner import Policy
 
 Act = Callable[[int], NDArray[np.int8]]  # steps so far -> [N], the actions of all trains
@@ -23,7 +24,7 @@ def policy_of(world: CompiledWorld, begin: Begin) -> Policy:
     """The policy that begins anew with every level."""
 
     def play(index: int, level: Level) -> Course:
-        world.load(0, level)
+        world.load(0, level, evaluation_malfunction_seed(index))
         return perform(world, level, begin(index, world.parts()))
 
     return play
@@ -43,15 +44,17 @@ def perform(world: CompiledWorld, level: Level, act: Act) -> Course:
         rewards[step] = world.obey(actions)[0, :n_trains]
         step += 1
     arrived = world.batch.trains[0]["arrived_at"][:n_trains]
-    return course(level, rewards[:step], np.where(arrived == NOTHING, NONE, arrived - 1), told, under_way)
+    arrived_at, score = np.where(arrived == NOTHING, NONE, arrived - 1), world.score(0)
+    return course(level, rewards[:step], arrived_at, told, under_way, None if np.isnan(score) else score)
 
 
-def course(
+def course(  # noqa: PLR0913  (what happened)
     level: Level,
     rewards: NDArray[np.float32],
     arrived_at: NDArray[np.int32],
     told: NDArray[np.int8],
     under_way: NDArray[np.bool_],
+    score: float | None = None,
 ) -> Course:
     """An episode of T steps in which nobody looked at observations.
 
@@ -61,6 +64,7 @@ def course(
         arrived_at: [N], see `Course`.
         told: [T, N], the actions.
         under_way: [T, N], whose actions are decisions.
+        score: see `Course`.
     """
     times, trains = np.nonzero(under_way)
     nothing = np.zeros(len(times), np.float32)
@@ -82,4 +86,5 @@ def course(
         arrived_at=arrived_at.astype(np.int32),
         final_observations=np.zeros((level.n_trains, 0), np.float32),
         states=np.zeros((level.n_trains, 0), np.float32),
+        score=score,
     )

@@ -81,10 +81,16 @@ def reach(room: Room, node: int, total: int, parent: int) -> None:
 
 
 @bare_kernel
+def ready(train: np.void) -> int:
+    """The steps after which a train may depart in the next; under legacy rules it may at once."""
+    return max(1, int(train["departure"])) if train["state"] == WAITING else 0
+
+
+@bare_kernel
 def soonest(batch: Batch, at: int, steps: int) -> int:
     """The step after which a train that were alone would have arrived, twice the steps there are if it could not."""
     train = batch.trains[0, at]
-    arrival = (train["state"] == WAITING) + 1 + batch.distances[0, at, train["start"]]
+    arrival = ready(train) + 1 + batch.distances[0, at, train["start"]]
     return int(arrival) if arrival <= steps else 2 * steps
 
 
@@ -102,7 +108,7 @@ def find(batch: Batch, at: int, room: Room, way: NDArray[np.int32]) -> int:  # n
     off_map = int(batch.worlds[0]["cells"]) * 4
     width = off_map + 1
     start = int(batch.trains[0, at]["start"])
-    earliest = 1 if batch.trains[0, at]["state"] == WAITING else 0
+    earliest = ready(batch.trains[0, at])
     way[:] = NOWHERE
     room.open[:] = NOTHING
     room.searches[0] += 1

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import kernel
-from common.levels.level import Level
+from common.levels.level import Level, Schedule
 from common.policy.choosing import draw_counter
 from common.policy.streams import uniform
 from common.rail.compiled.arrays import NOTHING, NOWHERE, Batch
@@ -19,6 +19,7 @@ from services.evaluator.references.rails import action_out, any_way, shortest_wa
 from services.evaluator.runner import Policy
 
 _ONE = np.uint64(1)
+COLUMNS = ("speeds", "earliest_departures", "latest_arrivals", "target_headings")  # of a schedule
 
 
 def at_random(seed: int, index: int, parts: Parts) -> Act:
@@ -68,13 +69,13 @@ def drive_on(batch: Batch, actions: NDArray[np.int8]) -> None:
 
 
 def alone(policy: Policy) -> Policy:
-    """Every train plays the policy as if there were no others: with `shortest_path` no policy does better."""
+    """Every train plays the policy as if there were no others, and no malfunctions.
+
+    With `shortest_path` no policy does better.
+    """
 
     def play(index: int, level: Level) -> Course:
-        solos = [
-            policy(index, replace(level, starts=level.starts[[train]], targets=level.targets[[train]]))
-            for train in range(level.n_trains)
-        ]
+        solos = [policy(index, with_one_train(level, train)) for train in range(level.n_trains)]
         arrived_at = np.concatenate([solo.arrived_at for solo in solos])
         steps = max(solo.last_step for solo in solos)
         under_way = (arrived_at == NONE) | (np.arange(steps)[:, None] <= arrived_at)
@@ -86,3 +87,12 @@ def alone(policy: Policy) -> Policy:
         return course(level, rewards, arrived_at, told, under_way)
 
     return play
+
+
+def with_one_train(level: Level, train: int) -> Level:
+    """A level as if the other trains were not there; the one that is never breaks down."""
+    schedule = level.schedule
+    if schedule is not None:
+        columns = {name: getattr(schedule, name)[[train]] for name in COLUMNS}
+        schedule = Schedule(**columns)
+    return replace(level, starts=level.starts[[train]], targets=level.targets[[train]], schedule=schedule)

@@ -91,10 +91,10 @@ def test_the_uniforms_are_read_in_a_circle():
 
 def test_the_jump_is_the_power_of_x_that_it_should_be():
     """x^2000000 modulo the characteristic polynomial, found from the generator's own bits (Berlekamp-Massey)."""
-    key = [int(word) for word in words_of(np.random.RandomState(1))[:KEY_WORDS]]
+    key = list(words_of(np.random.RandomState(1))[:KEY_WORDS])
     for at in range(2 * DEGREE):
-        key.append(int(twisted.py_func(key[at], key[at + 1], key[at + SHIFT_WORDS])))
-    polynomial = _characteristic([word & 1 for word in key[KEY_WORDS:]])
+        key.append(twisted.py_func(key[at], key[at + 1], key[at + SHIFT_WORDS]))
+    polynomial = _characteristic([int(word) & 1 for word in key[KEY_WORDS:]])
     assert polynomial.bit_length() == DEGREE + 1
     power = 1
     for bit in f"{2 * DRAWS:b}":

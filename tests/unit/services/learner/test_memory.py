@@ -1,0 +1,44 @@
+"""What the learner must not forget comes back from a snapshot, also from one that an earlier version wrote."""
+
+import numpy as np
+from made_episodes import cut, make_episode
+from msgpack._cmsgpack import Packer
+
+from common.wire import codec
+from services.learner.memory import Memory, take_memory
+from services.learner.opened import OpenEpisode
+
+
+def weights(number):
+    return {"q.bias": np.full(3, number, np.float32)}
+
+
+def test_a_memory_comes_back_and_leaves_what_is_not_its_own():
+    fragments = cut(make_episode(3), [7, 20])[:2]
+    snapshot = Memory({4: weights(4), 11: weights(11)}, weights(5), fragments).tensors() | {"replay/x": np.zeros(1)}
+    memory = take_memory(snapshot)
+    assert list(snapshot) == ["replay/x"]
+    assert {version: tensors["q.bias"][0] for version, tensors in memory.older.items()} == {4: 4.0, 11: 11.0}
+    assert memory.settled["q.bias"].tolist() == [5.0] * 3
+    assert OpenEpisode(memory.opened).digest == OpenEpisode(fragments).digest
+
+
+def flat(fragment):
+    """As schema 2 had it."""
+    lease, course = fragment.lease, dict(fragment.course)
+    del course["score"]
+    decisions = dict(course.pop("decisions"))
+    numbers = {"fragment": lease.fragment}
+    numbers |= {name: getattr(lease, name) for name in ("episode", "level", "level_seed", "weights_version")}
+    plain = numbers | course | decisions | dict(fragment.circumstances)
+    return np.frombuffer(bytes(Packer(default=codec._pack_array).pack(plain)), np.uint8)
+
+
+def test_an_open_episode_of_an_earlier_version_comes_back():
+    fragments = cut(make_episode(3), [7, 20])[:2]
+    memory = take_memory({f"open/{number:06d}": flat(fragment) for number, fragment in enumerate(fragments)})
+    assert [fragment.lease.unit for fragment in memory.opened] == [(3, 0), (3, 1)]
+    ours, theirs = OpenEpisode(memory.opened), OpenEpisode(fragments)
+    assert (ours.steps, ours.decisions, ours.reward) == (theirs.steps, theirs.decisions, theirs.reward)
+    assert ours.progressed.actions.tolist() == theirs.progressed.actions.tolist()
+    assert ours.digest == theirs.digest
