@@ -149,9 +149,10 @@ def _speed(data: Any) -> Fraction:
 def _ends(stop: Any) -> list[tuple[Any, Any]]:
     """Cells and headings of a waypoint, or of several that a train may choose from."""
     choice = [stop] if _is(stop, "Waypoint") else sequence(stop, MOST_ENDS)
-    if not all(isinstance(end, Stub) for end in choice):
+    if not all(_is(end, "Waypoint") for end in choice):
         raise NotPlainError("waypoints that are none")
-    return [(end.arguments[0], end.arguments[1]) for end in choice]
+    ends = [end.arguments or end.state for end in choice]  # a named tuple, since 4.0.5 a class with slots
+    return [(end["position"], end["direction"]) if isinstance(end, dict) else (end[0], end[1]) for end in ends]
 
 
 def _target(targets: Any) -> tuple[tuple[int, int], int]:
