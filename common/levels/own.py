@@ -186,7 +186,7 @@ def _read_all(name: str, key: str, patterns: Iterable[str], base: Path) -> tuple
             except (LevelFileError, OSError) as error:
                 raise ConfigError(f"levels.{name}.{key} {error}") from None
             levels |= {level.content_hash: level for group in found.groups.values() for level in group}
-            left_out += [f"{path}: left out: {', '.join(found.left_out)}"] if found.left_out else []
+            left_out += [f"{path}: {text}" for text in found.left_out]
     return list(levels.values()), left_out
 
 
