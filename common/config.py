@@ -129,7 +129,8 @@ def parse_config(data: Mapping[str, Any]) -> RunConfig:
         raise ConfigError(
             f"mix: input should be a valid dictionary, not {mix!r}" if mix else "mix is missing: give it a value"
         )
-    data.setdefault("levels", chosen_levels(mix, {}))
+    if "levels" not in data:
+        data["levels"] = chosen_levels(mix, {})
     homes = {key: home_of(key, data["rule"]) for key in data}
     for key, home in homes.items():
         if home is None:

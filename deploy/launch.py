@@ -19,6 +19,7 @@ from common.checkpoint import CheckpointError
 from common.config import RunConfig
 from common.folder import RunFolder, write_atomically
 from common.interpreter import run_module
+from common.levels.own import LEVELS, keep_levels
 from common.locks import living
 from common.snapshots import newest_snapshot
 from common.strict import ConfigError
@@ -40,11 +41,13 @@ def fresh_name(config: RunConfig) -> str:
     return name
 
 
-def new_run(name: str, config: RunConfig, root: Path | None = None) -> RunFolder:
+def new_run(name: str, config: RunConfig, root: Path | None = None, base: Path = Path()) -> RunFolder:
     """Make the folder of a new run, whole or not at all; without a root it lies beside all others.
 
+    The paths of level files start from `base`; the run keeps a copy of them.
+
     Raises:
-        ConfigError: the name is not one.
+        ConfigError: the name is not one, or level files have changed.
         Failed: this machine cannot run it.
     """
     if not NAME_FORM.fullmatch(name):
@@ -56,7 +59,11 @@ def new_run(name: str, config: RunConfig, root: Path | None = None) -> RunFolder
         temporary.mkdir(parents=True)
         save_config(RunFolder(temporary), config)
         (temporary / "logs").mkdir()
+        keep_levels(config.world.levels, base, temporary / LEVELS)
         temporary.rename(path)
+    except ConfigError:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
     except OSError as error:
         shutil.rmtree(temporary, ignore_errors=True)
         raise Failed(
