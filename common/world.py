@@ -3,6 +3,7 @@
 Level supply, engines and learner all get it from here. A checkpoint carries it.
 """
 
+from collections.abc import Collection
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator
@@ -10,7 +11,7 @@ from pydantic import Field, field_validator
 from common.levels.distributions import ANY, AnyLevels, Bounds, LevelName, shipped
 from common.rail.observations.table import AnyObservation, TreeObservation
 from common.rail.rewards.table import AnyReward, StudyReward
-from common.strict import ConfigError, Strict, nearest
+from common.strict import ConfigError, Strict, nearest, shortened
 
 Decisions = Literal["cells", "legacy", "always"]  # see `common.rail.compiled.decisions`
 
@@ -42,14 +43,16 @@ class WorldSpec(Strict):
         return self.observation.n_features(self.bounds)
 
 
-def chosen_levels(names: Any, own: Any) -> dict[str, Any]:
+def chosen_levels(names: Collection[Any], own: Any) -> dict[str, Any]:
     """The distributions of these names, out of a run file's own and those that ship.
 
     Raises:
-        ConfigError: there is none of a name, or the run file's are none.
+        ConfigError: there are no names, there is no distribution of a name, or the run file's are none.
     """
+    if not names:
+        raise ConfigError("mix names no levels: write for example mix: {easy: 1}")
     if not isinstance(own, dict):
-        raise ConfigError(f"levels: input should be a valid dictionary, not {own!r}")
+        raise ConfigError(f"levels: input should be a valid dictionary, not {shortened(own)}")
     ours = {name: levels.model_dump(mode="json") for name, levels in shipped().items()}
     for name in ours.keys() & own.keys():
         if own[name] != ours[name]:

@@ -55,7 +55,9 @@ def resolve(given: Plain, base: Path = Path()) -> RunConfig:
     given = spelled_out(given, rule)
     check_sections(given, rule)
     mix = given.setdefault("mix", {"easy": 1.0})
-    world = world_of({"levels": chosen_levels(mix, given.get("levels", {}))}, base)
+    chosen = chosen_levels(mix, given.get("levels", {}))
+    check_levels(given.get("levels", {}))
+    world = world_of({"levels": chosen}, base)
     learning = merge(preset, by_level[_most_alike(world, list(by_level))])
     defaults = {
         "algorithm": algorithm,
@@ -84,10 +86,20 @@ def world_of(data: Plain, base: Path) -> WorldSpec:
     Raises:
         ConfigError: something in it is wrong, or a file cannot be read.
     """
+    return _checked_world(data)
+
+
+def _checked_world(data: Plain) -> WorldSpec:
     try:
         return WorldSpec.model_validate(data)
     except ValidationError as error:
         raise ConfigError(describe(error, WorldSpec)) from None
+
+
+def check_levels(own: Plain) -> None:
+    """Raises ConfigError if a run file's own levels are wrong, also those that its mix leaves out."""
+    if own:
+        _checked_world({"levels": own})
 
 
 def resolve_existing(saved: RunConfig, given: Plain, name: str, base: Path = Path()) -> RunConfig:
@@ -97,23 +109,31 @@ def resolve_existing(saved: RunConfig, given: Plain, name: str, base: Path = Pat
         ConfigError: what is given would make another run of it.
     """
     given = spelled_out(upgraded(given), saved.rule)
+    for key, before in (("algorithm", saved.algorithm), ("rule", saved.rule)):  # before its sections
+        if given.get(key, before) != before:
+            raise _another_run(name, f"{key} {before}", str(given[key]))
     check_sections(given, saved.rule)
     if given.get("mix", saved.mix) != saved.mix:  # before its actors, which would be missed
         raise _another_run(name, _told(saved.mix), _told(given["mix"]))
     if "levels" in given:
         own = {level: spec for level, spec in given["levels"].items() if level in saved.mix}
         given["levels"] = world_of({"levels": own}, base).model_dump(mode="json")["levels"] if own else {}
-    merged = merge(saved.plain(), given)
-    merged["levels"] = saved.plain()["levels"] | given.get("levels", {})
+    kept = saved.plain()
+    for key, value in given.items():
+        kind = kept[key].get("kind") if isinstance(kept.get(key), dict) else None
+        if kind is not None and value.get("kind", kind) != kind:  # before its keys, which belong to another kind
+            raise _another_run(name, f"{key}.kind {kind}", str(value["kind"]))
+    merged = merge(kept, given)
+    merged["levels"] = kept["levels"] | given.get("levels", {})
     if "actors" in given.get("cluster", {}):
         merged["cluster"]["actors"] = given["cluster"]["actors"]
     if merged.get("lag") != saved.lag:  # so that what is wrong is the lag
         raise _another_run(name, f"lag {saved.lag}", str(merged.get("lag")))
     config = parse_config(merged)
-    for field, before in flat(saved.science).items():
-        now = flat(config.science).get(field)
-        if now != before:
-            raise _another_run(name, f"{field} {before}", str(now))
+    before, now = flat(saved.science), flat(config.science)
+    for field in dict.fromkeys([*before, *now]):
+        if before.get(field) != now.get(field):
+            raise _another_run(name, f"{field} {before.get(field)}", str(now.get(field)))
     return config
 
 
@@ -228,8 +248,8 @@ def parse_actors(text: str) -> dict[str, int]:
     return counts
 
 
-def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Plain:
-    """`above` laid over `below`, mapping by mapping.
+def merge(below: Mapping[str, Any], above: Mapping[str, Any], path: str = "") -> Plain:
+    """`above` laid over `below`, mapping by mapping; both lie at `path`, as an error names it.
 
     Raises:
         ConfigError: a mapping would cover something that is none.
@@ -238,6 +258,8 @@ def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Plain:
     for key, value in above.items():
         under = result.get(key)
         if isinstance(value, dict) and under is not None and not isinstance(under, dict):
-            raise ConfigError(f"{key}: input should be a valid dictionary, not {shortened(under)}")
-        result[key] = merge(under, value) if isinstance(under, dict) and isinstance(value, dict) else value
+            both = f"{shortened(under, 30)} and {shortened(value, 30)}"
+            raise ConfigError(f"{path}{key}: cannot be both {both}: give one of them")
+        both_have_keys = isinstance(under, dict) and isinstance(value, dict)
+        result[key] = merge(under, value, f"{path}{key}.") if both_have_keys else value
     return result

@@ -60,7 +60,7 @@ def evaluate(
 ) -> None:
     """Play levels with a checkpoint or a reference policy, and print what becomes of them.
 
-    A row a difficulty, with its 95% interval.
+    A row a level distribution, with its 95% interval.
     """
     is_reference = checkpoint in REFERENCES
     if is_reference:
