@@ -1,5 +1,6 @@
 """From what the user says to a checked configuration: preset, then file, then options, then `--set`."""
 
+import re
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -9,12 +10,13 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from common.config import MAX_ACTORS, RunConfig, home_of, parse_config, upgraded
-from common.levels.distributions import shipped
+from common.levels.distributions import LEVEL_PATTERN, shipped
 from common.rules import settings_of
 from common.strict import ConfigError, describe, flat, nearest, section_of, shortened
 from common.world import WorldSpec, chosen_levels
 
 Plain = dict[str, Any]
+LEVEL_FORM = re.compile(LEVEL_PATTERN)
 EVALUATION_LEVELS = 50  # unless fewer are kept from training
 
 
@@ -109,20 +111,12 @@ def resolve_existing(saved: RunConfig, given: Plain, name: str, base: Path = Pat
         ConfigError: what is given would make another run of it.
     """
     given = spelled_out(upgraded(given), saved.rule)
-    for key, before in (("algorithm", saved.algorithm), ("rule", saved.rule)):  # before its sections
-        if given.get(key, before) != before:
-            raise _another_run(name, f"{key} {before}", str(given[key]))
     check_sections(given, saved.rule)
-    if given.get("mix", saved.mix) != saved.mix:  # before its actors, which would be missed
-        raise _another_run(name, _told(saved.mix), _told(given["mix"]))
+    _check_kinds(saved, given, name)
+    kept = saved.plain()
     if "levels" in given:
         own = {level: spec for level, spec in given["levels"].items() if level in saved.mix}
         given["levels"] = world_of({"levels": own}, base).model_dump(mode="json")["levels"] if own else {}
-    kept = saved.plain()
-    for key, value in given.items():
-        kind = kept[key].get("kind") if isinstance(kept.get(key), dict) else None
-        if kind is not None and value.get("kind", kind) != kind:  # before its keys, which belong to another kind
-            raise _another_run(name, f"{key}.kind {kind}", str(value["kind"]))
     merged = merge(kept, given)
     merged["levels"] = kept["levels"] | given.get("levels", {})
     if "actors" in given.get("cluster", {}):
@@ -135,6 +129,20 @@ def resolve_existing(saved: RunConfig, given: Plain, name: str, base: Path = Pat
         if before.get(field) != now.get(field):
             raise _another_run(name, f"{field} {before.get(field)}", str(now.get(field)))
     return config
+
+
+def _check_kinds(saved: RunConfig, given: Plain, name: str) -> None:
+    """Refuse what decides which other keys there can be, before they are found missing or too many."""
+    for key, before in (("algorithm", saved.algorithm), ("rule", saved.rule)):
+        if given.get(key, before) != before:
+            raise _another_run(name, f"{key} {before}", str(given[key]))
+    if given.get("mix", saved.mix) != saved.mix:
+        raise _another_run(name, _told(saved.mix), _told(given["mix"]))
+    for key, section in saved.plain().items():
+        kind = section.get("kind") if isinstance(section, dict) else None
+        now = given.get(key, {}).get("kind", kind) if kind is not None else None
+        if now != kind:
+            raise _another_run(name, f"{key}.kind {kind}", str(now))
 
 
 def _another_run(name: str, before: str, now: str) -> ConfigError:
@@ -240,6 +248,8 @@ def parse_actors(text: str) -> dict[str, int]:
         level, separator, count = part.strip().partition("=")
         if not separator or not level or not (count.isascii() and count.isdigit()):
             raise ConfigError(f"actors {part!r} is not level=count: write for example easy=2,hard=1")
+        if LEVEL_FORM.fullmatch(level) is None:
+            raise ConfigError(f"actors {part!r}: a level's name has letters, digits, '.', '_' and '-', at most 40")
         if level in counts:
             raise ConfigError(f"actors {part!r}: {level} is there twice, leave one out")
         if len(count) > 3 or int(count) > MAX_ACTORS:

@@ -18,7 +18,8 @@ ANY = "any"  # what an actor serves that serves all; no name of levels
 MOST_TRAINS = 1000
 LARGEST_SIDE = 200
 
-LevelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$")]
+LEVEL_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$"
+LevelName = Annotated[str, Field(pattern=LEVEL_PATTERN)]
 Rules = Literal["legacy", "stock"]
 Side = Annotated[int, Field(ge=6, le=LARGEST_SIDE)]
 Speed = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]

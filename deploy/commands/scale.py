@@ -33,7 +33,7 @@ def scale_to(folder: RunFolder, counts: dict[str, int]) -> str:
         NoAnswer: it is not there.
     """
     with reach(folder) as bus:
-        answer = bus.ask(keys.SCALE, ScaleRequest.model_validate({"actors": counts}), TIMEOUT_S)
+        answer = bus.ask(keys.SCALE, ScaleRequest(actors=counts), TIMEOUT_S)
     if not answer.done:
         raise Failed(answer.text)
     return answer.text

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from made_episodes import decided, edited
 
-from common.config import DqnConfig, NetworkConfig, ReplayConfig
 from common.policy.compiled import Twin
 from common.policy.packing import Layout
+from common.rules import settings_of
 from common.seeding import stream_key
 from services.learner.learning import Learning, build_trainer
 
@@ -80,18 +80,15 @@ METHODS = {
 def learn(replay, *, episodes, act=act, rule="dqn", kind="plain", **switches):
     """The compiled twin of a network trained on so many episodes that `act` plays."""
     layout = Layout(kind, 4, 3, (32, 32))
-    learning = Learning(
-        seed=1,
-        episodes=episodes,
-        discount=DISCOUNT,
-        network=NetworkConfig(hidden=layout.hidden, kind=kind),
-        dqn=DqnConfig(
-            **{"learning_rate": 0.002, "batch_size": 32, "learn_every_steps": 2, "target_tau": 0.05} | switches
-        ),
-        replay=ReplayConfig(kind=replay, capacity=5000),
-        n_features=layout.n_features,
-        n_actions=layout.n_actions,
-    )
+    dqn = {"learning_rate": 0.002, "batch_size": 32, "learn_every_steps": 2, "target_tau": 0.05} | switches
+    sections = {
+        "discount": DISCOUNT,
+        "network": {"hidden": layout.hidden, "kind": kind},
+        "dqn": dqn,
+        "replay": {"kind": replay, "capacity": 5000},
+    }
+    settings = settings_of(rule).model_validate(sections)
+    learning = Learning(1, episodes, settings, layout.n_features, layout.n_actions)
     trainer, twin = build_trainer(rule, learning), Twin(layout)
     for number in range(episodes):
         twin.load(trainer.weights())

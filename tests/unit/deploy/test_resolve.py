@@ -22,7 +22,6 @@ from deploy.resolve import (
     spelled_out,
 )
 
-
 RUSH = {"rules": "stock", "size": [30, 40], "trains": 20, "cities": 4}
 SAVED = Path(__file__).parents[1] / "common" / "saved"  # configurations of an earlier version
 
@@ -169,7 +168,7 @@ def test_an_existing_run_may_get_another_cluster():
         ({"reward": "delay"}, "reward.kind study, not delay"),
         ({"decisions": "always"}, "decisions cells, not always"),
         ({"fragment_steps": None}, "fragment_steps 30, not None"),
-        ({"levels": {"easy": RUSH}}, "levels.easy.rules legacy, not stock"),
+        ({"levels": {"easy": RUSH}}, "levels.easy.size [25, 25], not [30, 40]"),
         ({"dqn": {"batch_size": 5}}, "dqn.batch_size 150, not 5"),
         ({"network": {"hidden": [8]}}, "network.hidden [128, 128], not [8]"),
         ({"mix": {"easy": 0.5, "hard": 0.5}}, "level easy, not mix {'easy': 0.5, 'hard': 0.5}"),
@@ -265,7 +264,7 @@ def test_a_run_file_is_plain_data(tmp_path):
     path.write_text("algorithm: dddqn\nmix: {easy: 0.5, hard: 0.5}\ndqn:\n  batch_size: 5\n")
     data = read_file(path)
     assert data == {"algorithm": "dddqn", "mix": {"easy": 0.5, "hard": 0.5}, "dqn": {"batch_size": 5}}
-    assert resolve(data).dqn.batch_size == 5
+    assert resolve(data).learning.dqn.batch_size == 5
 
 
 @pytest.mark.parametrize(
