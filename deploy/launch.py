@@ -35,7 +35,8 @@ START_TIMEOUT_S = 10.0
 
 def fresh_name(config: RunConfig) -> str:
     """A name for a run that was given none."""
-    stem = f"{config.algorithm}-{'-'.join(config.mix)}-seed{config.seed}-{datetime.now():%Y%m%d-%H%M%S}"  # noqa: DTZ005  (the user's clock)
+    levels = "-".join(config.mix)[:40]  # a mix may have many
+    stem = f"{config.algorithm}-{levels}-seed{config.seed}-{datetime.now():%Y%m%d-%H%M%S}"  # noqa: DTZ005  (the user's clock)
     name, number = stem, 2
     while (runs_root() / name).exists():
         name, number = f"{stem}-{number}", number + 1

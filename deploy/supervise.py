@@ -134,7 +134,7 @@ class Runner:
     def _on_scale(self, question: Question[ScaleRequest, CommandAnswer]) -> None:
         wrong = [name for name in question.request.actors if name != "any" and name not in self._config.mix]
         if wrong:
-            text = f"this run has no difficulty {wrong[0]}: it has {', '.join(self._config.mix)}"
+            text = f"this run has no level {wrong[0]}: it has {', '.join(self._config.mix)}"
             question.answer(CommandAnswer(done=False, text=text))
             return
         self._cluster["actors"] |= question.request.actors

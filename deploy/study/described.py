@@ -17,6 +17,7 @@ from deploy.runs import Failed, runs_root
 SHIPPED = Path(__file__).parents[1] / "studies"
 OF_THE_STUDY = ("algorithm", "rule", "level", "mix", "seed", "episodes")  # it gives them to its runs itself
 OF_THE_MACHINE = ("cores", "port")
+OF_ALL = ("levels",)  # or contenders would not learn on the same ones
 
 
 def shipped_studies() -> list[str]:
@@ -96,12 +97,17 @@ def configurations(study: Study, cores: int) -> dict[PlannedRun, RunConfig]:
     of_cell: dict[tuple[str, str], RunConfig] = {}
     _check_settings("settings", study.settings)
     for contender in study.contenders:
-        _check_settings(f"contenders.{contender.name}.settings", contender.settings)
+        field = f"contenders.{contender.name}.settings"
+        _check_settings(field, contender.settings)
+        for key in OF_ALL:
+            if key in contender.settings:
+                raise ConfigError(f"{field}.{key}: all contenders have the same ones, give them under settings.{key}")
         for level in study.levels:
             try:
-                of_cell[contender.name, level] = resolve(_given(study, contender, level, cores))
+                config = of_cell[contender.name, level] = resolve(_given(study, contender, level, cores))
             except ConfigError as error:
                 raise ConfigError(f"contender {contender.name} on {level}: {error}") from None
+            _check_evaluation(study, level, config.world.levels[level].evaluation_levels)
     return {run: of_cell[run.contender, run.level].model_copy(update={"seed": run.seed}) for run in planned_runs(study)}
 
 
@@ -118,6 +124,14 @@ def _given(study: Study, contender: Contender, level: str, cores: int) -> dict[s
             "cluster": {"cores": cores},
         },
     )
+
+
+def _check_evaluation(study: Study, level: str, kept: int) -> None:
+    if study.evaluation.episodes > kept:
+        raise ConfigError(
+            f"evaluation.episodes {study.evaluation.episodes}: only {kept} levels of {level} are kept from training, "
+            "use no more"
+        )
 
 
 def _check_settings(field: str, settings: Mapping[str, Any]) -> None:
