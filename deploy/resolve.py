@@ -267,9 +267,11 @@ def merge(below: Mapping[str, Any], above: Mapping[str, Any], path: str = "") ->
     result = dict(below)
     for key, value in above.items():
         under = result.get(key)
-        if isinstance(value, dict) and under is not None and not isinstance(under, dict):
+        if not isinstance(value, dict) or under is None:
+            result[key] = value
+        elif isinstance(under, dict):
+            result[key] = merge(under, value, f"{path}{key}.")
+        else:
             both = f"{shortened(under, 30)} and {shortened(value, 30)}"
             raise ConfigError(f"{path}{key}: cannot be both {both}: give one of them")
-        both_have_keys = isinstance(under, dict) and isinstance(value, dict)
-        result[key] = merge(under, value, f"{path}{key}.") if both_have_keys else value
     return result
