@@ -12,6 +12,7 @@ import uuid
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
+from types import MappingProxyType
 
 import yaml
 
@@ -19,7 +20,7 @@ from common.checkpoint import CheckpointError
 from common.config import RunConfig
 from common.folder import RunFolder, write_atomically
 from common.interpreter import run_module
-from common.levels.own import LEVELS, keep_levels
+from common.levels.own import LEVELS, ReadLevels
 from common.locks import living
 from common.snapshots import newest_snapshot
 from common.strict import ConfigError
@@ -41,13 +42,19 @@ def fresh_name(config: RunConfig) -> str:
     return name
 
 
-def new_run(name: str, config: RunConfig, root: Path | None = None, base: Path = Path()) -> RunFolder:
-    """Make the folder of a new run, whole or not at all; without a root it lies beside all others.
+def new_run(
+    name: str, config: RunConfig, root: Path | None = None, own: Mapping[str, ReadLevels] = MappingProxyType({})
+) -> RunFolder:
+    """Make the folder of a new run, with its copies of level files, whole or not at all.
 
-    The paths of level files start from `base`; the run keeps a copy of them.
+    Args:
+        name: of the run.
+        config: what it does.
+        root: the folder that it shall lie in; None: beside all other runs.
+        own: what its level files hold, by the name of the distribution.
 
     Raises:
-        ConfigError: the name is not one, or level files have changed.
+        ConfigError: the name is not one.
         Failed: this machine cannot run it.
     """
     if not NAME_FORM.fullmatch(name):
@@ -59,11 +66,9 @@ def new_run(name: str, config: RunConfig, root: Path | None = None, base: Path =
         temporary.mkdir(parents=True)
         save_config(RunFolder(temporary), config)
         (temporary / "logs").mkdir()
-        keep_levels(config.world.levels, base, temporary / LEVELS)
+        for level, read in own.items():
+            read.save(temporary / LEVELS, level)
         temporary.rename(path)
-    except ConfigError:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise
     except OSError as error:
         shutil.rmtree(temporary, ignore_errors=True)
         raise Failed(

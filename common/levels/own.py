@@ -148,20 +148,6 @@ def with_files_read(levels: Mapping[str, AnyLevels], base: Path) -> dict[str, An
     return found
 
 
-def keep_levels(levels: Mapping[str, AnyLevels], base: Path, folder: Path) -> None:
-    """Copy all level files of a run into a folder, where `OwnLevels` finds them.
-
-    Raises:
-        ConfigError: as `read_level_files`, or a file has changed since it was read.
-    """
-    for name, spec in levels.items():
-        if isinstance(spec, LevelFiles):
-            found = read_level_files(name, spec, base)
-            if found.spec != spec:
-                raise ConfigError(f"levels.{name}: its files have changed just now: start again")
-            found.save(folder, name)
-
-
 def divided(levels: Sequence[Level], share: float) -> tuple[list[Level], list[Level]]:
     """Training and evaluation levels, no rails on both sides; one is empty if all lie on the same.
 
@@ -200,7 +186,7 @@ def _read_all(name: str, key: str, patterns: Iterable[str], base: Path) -> tuple
             except (LevelFileError, OSError) as error:
                 raise ConfigError(f"levels.{name}.{key} {error}") from None
             levels |= {level.content_hash: level for group in found.groups.values() for level in group}
-            left_out += [f"{path}: left out: {', '.join(found.left_out)}"] if found.left_out else []
+            left_out += [f"{path}: {text}" for text in found.left_out]
     return list(levels.values()), left_out
 
 
