@@ -23,6 +23,7 @@ class LevelChoice(Strict):
     Attributes:
         names: of distributions or groups; None: all there is reason for.
         own: distributions of a run file, beside those that everybody knows.
+        base: where the paths of their level files start from.
         file: of levels; None: evaluation levels.
         episodes: evaluation levels of each distribution.
         seed: of their sequence; 0 is that which all runs are evaluated on.
@@ -31,6 +32,7 @@ class LevelChoice(Strict):
 
     names: tuple[str, ...] | None = None
     own: dict[LevelName, AnyLevels] = Field(default_factory=dict)
+    base: Path = Path()
     file: Path | None = None
     episodes: int = Field(default=100, ge=1)
     seed: int = Field(default=0, ge=0)

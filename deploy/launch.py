@@ -12,6 +12,7 @@ import uuid
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
+from types import MappingProxyType
 
 import yaml
 
@@ -19,6 +20,7 @@ from common.checkpoint import CheckpointError
 from common.config import RunConfig
 from common.folder import RunFolder, write_atomically
 from common.interpreter import run_module
+from common.levels.own import LEVELS, ReadLevels
 from common.locks import living
 from common.snapshots import newest_snapshot
 from common.strict import ConfigError
@@ -33,15 +35,48 @@ START_TIMEOUT_S = 10.0
 
 def fresh_name(config: RunConfig) -> str:
     """A name for a run that was given none."""
-    stem = f"{config.algorithm}-{'-'.join(config.mix)}-seed{config.seed}-{datetime.now():%Y%m%d-%H%M%S}"  # noqa: DTZ005  (the user's clock)
+    levels = "-".join(config.mix)[:40]  # a mix may have many
+    stem = f"{config.algorithm}-{levels}-seed{config.seed}-{datetime.now():%Y%m%d-%H%M%S}"  # noqa: DTZ005  (the user's clock)
     name, number = stem, 2
     while (runs_root() / name).exists():
         name, number = f"{stem}-{number}", number + 1
     return name
 
 
-def new_run(name: str, config: RunConfig, root: Path | None = None) -> RunFolder:
-    """Make the folder of a new run, whole or not at all; without a root it lies beside all others.
+def new_run(
+    name: str, config: RunConfig, root: Path | None = None, own: Mapping[str, ReadLevels] = MappingProxyType({})
+) -> RunFolder:
+    """Make the folder of a new run, with its copies of level files, whole or not at all.
+
+    Args:
+        name: of the run.
+        config: what it does.
+        root: the folder that it shall lie in; None: beside all other runs.
+        own: what its level files hold, by the name of the distribution.
+
+    Raises:
+        ConfigError, Failed: as `check_new`, or the folder cannot be made.
+    """
+    check_new(name, config)
+    path = (root or runs_root()) / name
+    temporary = path.with_name(f".{name}.{os.getpid()}")
+    try:
+        temporary.mkdir(parents=True)
+        save_config(RunFolder(temporary), config)
+        (temporary / "logs").mkdir()
+        for level, read in own.items():
+            read.save(temporary / LEVELS, level)
+        temporary.rename(path)
+    except OSError as error:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise Failed(
+            f"cannot create {path}: {error.strerror}: set RAILCTL_RUNS to a folder that you may write"
+        ) from None
+    return RunFolder(path)
+
+
+def check_new(name: str, config: RunConfig) -> None:
+    """See that a run can begin before anything is started or changed.
 
     Raises:
         ConfigError: the name is not one.
@@ -50,19 +85,6 @@ def new_run(name: str, config: RunConfig, root: Path | None = None) -> RunFolder
     if not NAME_FORM.fullmatch(name):
         raise ConfigError(f"--name {name!r}: use letters, digits, '.', '_', '+' and '-', at most 100")
     check_machine(config)
-    path = (root or runs_root()) / name
-    temporary = path.with_name(f".{name}.{os.getpid()}")
-    try:
-        temporary.mkdir(parents=True)
-        save_config(RunFolder(temporary), config)
-        (temporary / "logs").mkdir()
-        temporary.rename(path)
-    except OSError as error:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise Failed(
-            f"cannot create {path}: {error.strerror}: set RAILCTL_RUNS to a folder that you may write"
-        ) from None
-    return RunFolder(path)
 
 
 def check_existing(folder: RunFolder, config: RunConfig) -> None:

@@ -5,8 +5,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from common.levels.distributions import AnyLevels, shipped
+from common.levels.distributions import AnyLevels, LevelFiles, shipped
 from common.levels.held_out import is_prepared
+from common.levels.own import ReadLevels, read_level_files
 from common.levels.requests import PrepareRequest, Request
 from deploy.resolve import read_file, world_of
 from deploy.task import run_task
@@ -31,6 +32,17 @@ def known_levels(path: Path | None) -> dict[str, AnyLevels]:
         ConfigError: as `levels_of_run_file`.
     """
     return {**shipped(), **(levels_of_run_file(path) if path else {})}
+
+
+def read_own(levels: Mapping[str, AnyLevels], base: Path) -> dict[str, ReadLevels]:
+    """What the level files of these distributions hold; relative paths start from `base`.
+
+    Raises:
+        ConfigError: as `read_level_files`.
+    """
+    return {
+        name: read_level_files(name, found, base) for name, found in levels.items() if isinstance(found, LevelFiles)
+    }
 
 
 def prepare_levels(levels: Mapping[str, AnyLevels], bank: Path, processes: int) -> None:

@@ -179,14 +179,14 @@ def _read_all(name: str, key: str, patterns: Iterable[str], base: Path) -> tuple
     for pattern in patterns:
         paths = sorted(base.glob(pattern)) if not Path(pattern).is_absolute() else _absolute(pattern)
         if not paths:
-            raise ConfigError(f"levels.{name}.{key} {pattern}: no such file: relative paths start from {base}")
+            raise ConfigError(f"levels.{name}.{key} {pattern}: no such file in {base.resolve()}, where paths start")
         for path in paths:
             try:
                 found = read(path)
             except (LevelFileError, OSError) as error:
                 raise ConfigError(f"levels.{name}.{key} {error}") from None
             levels |= {level.content_hash: level for group in found.groups.values() for level in group}
-            left_out += [f"{path}: left out: {', '.join(found.left_out)}"] if found.left_out else []
+            left_out += [f"{path}: {text}" for text in found.left_out]
     return list(levels.values()), left_out
 
 

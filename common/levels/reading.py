@@ -16,7 +16,7 @@ class ReadFile(NamedTuple):
 
     Attributes:
         groups: levels by the name of their group; one without a name is named after its shape.
-        left_out: what the file says and levels cannot, in words.
+        left_out: what the file says and levels cannot, a line each.
     """
 
     groups: Groups

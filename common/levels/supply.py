@@ -6,7 +6,6 @@ Levels out of files are the run's own copy of them (`common.levels.own`).
 from collections.abc import Mapping
 from pathlib import Path
 
-from common.folder import RunFolder
 from common.levels import held_out
 from common.levels.bank import LevelBank, bank_root
 from common.levels.chunks import key_of
@@ -103,10 +102,10 @@ class LevelSupply:
         raise ConfigError(f"levels.{name}: there is no folder with the run's copy of its files: give the run")
 
 
-def supply_of(levels: Mapping[str, AnyLevels], folder: RunFolder) -> LevelSupply:
-    """The levels of a run: from the bank beside it, and its own copies of level files.
+def supply_of(levels: Mapping[str, AnyLevels], run: Path) -> LevelSupply:
+    """The levels of the run in a folder: from the bank beside it, and its own copies of level files.
 
     Raises:
         BankError: the bank cannot be used.
     """
-    return LevelSupply(levels, bank_root(folder.path.parent), folder.path / LEVELS)
+    return LevelSupply(levels, bank_root(run.parent), run / LEVELS)

@@ -61,7 +61,7 @@ def network_layout(config: NetworkConfig, n_features: int) -> Layout:
     return Layout(config.kind, n_features, N_ACTIONS, config.hidden)
 
 
-def player(
+def player(  # noqa: PLR0913  (a world, and what plays it)
     engine: Engine,
     world: WorldSpec,
     rules: Rules,

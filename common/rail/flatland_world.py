@@ -48,6 +48,7 @@ class FlatlandEpisode:
     def __init__(self, level: Level, settings: Settings = STUDY, malfunction_seed: int = 0) -> None:
         orders_of(level, legacy=settings.rules == "legacy")
         self._settings = settings
+        self._pays_by_mirror = settings.reward.kind not in ("study", "delay")
         study = settings.rules == "legacy" and settings.reward.kind != "delay"
         rewards: Any = StudyRewards if study else DefaultRewards
         self._env: Any = LevelEnv(level, settings.rules, rewards, malfunction_seed)
@@ -69,7 +70,7 @@ class FlatlandEpisode:
         told = settings.observation, settings.rules, settings.bounds
         sight = sight_of(*told, self._env, level)
         self._mirror: Mirror | None = None
-        if sight is None or settings.reward.kind == "shaped":
+        if sight is None or self._pays_by_mirror:
             self._mirror = Mirror(self._env, level, *told, settings.reward)
         self._sight: Any = self._mirror if sight is None else sight
         self._look()
@@ -83,13 +84,12 @@ class FlatlandEpisode:
         self.over = self._env.dones["__all__"]
         self._look()
         paid = [self._env.rewards_dict[train] for train in range(self.level.n_trains)]
-        kind, is_legacy = self._settings.reward.kind, self._actions is not None
-        if not is_legacy:
+        if self._actions is None:
             self._delays += np.array(paid, np.float64)
-        if kind == "shaped" and self._mirror is not None:
+        if self._pays_by_mirror and self._mirror is not None:
             rewards: list[float] = self._mirror.rewards().tolist()
             return rewards
-        return self._study_rewards() if kind == "study" and not is_legacy else paid
+        return self._study_rewards() if self._settings.reward.kind == "study" else paid
 
     def _look(self) -> None:
         if self._mirror is not None and self._mirror is not self._sight:

@@ -7,7 +7,6 @@ import typer
 
 from common.levels.bank import bank_root
 from common.requests import LevelChoice, ReferenceRequest, ScoreRequest
-from common.rules.settings import Mode
 from common.strict import ConfigError
 from deploy.commands.references import REFERENCE_SCORER, REFERENCES, check_reference, found_checkpoint, heading
 from deploy.levels import levels_of_run_file
@@ -43,7 +42,9 @@ def evaluate(
         int | None,
         typer.Option(help="Of the levels; default: 0, whose levels all runs are evaluated on."),
     ] = None,
-    levels: Annotated[Path | None, typer.Option(metavar="FILE", help="Play the levels of a .npz file instead.")] = None,
+    levels: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Play the levels of a file instead: .npz, or flatland-rl's.")
+    ] = None,
     sample: Annotated[
         bool | None,
         typer.Option(
@@ -74,6 +75,7 @@ def evaluate(
     choice = LevelChoice(
         names=tuple(dict.fromkeys(level)) if level else None,
         own=levels_of_run_file(file) if file else {},
+        base=file.parent.resolve() if file else Path(),
         file=levels,
         episodes=episodes or EPISODES,
         seed=seed or SEED,
@@ -93,8 +95,12 @@ def evaluate(
 
 
 def _scored(name: str, sample: bool | None, draws: int | None, choice: LevelChoice) -> dict[str, Any]:
-    mode: Mode | None = None if sample is None else "sample" if sample else "greedy"
-    request = ScoreRequest(checkpoint=found_checkpoint(name), mode=mode, draws=draws, levels=choice)
+    request = ScoreRequest(
+        checkpoint=found_checkpoint(name),
+        mode=None if sample is None else "sample" if sample else "greedy",
+        draws=draws,
+        levels=choice,
+    )
     return run_task(SCORER, request.model_dump_json())
 
 

@@ -9,7 +9,7 @@ from deploy.show import process_table, progress_line
 
 @one_line_errors
 def status(run: RunName = None, as_json: AsJson = False) -> None:
-    """Show a run's progress and every process: role, difficulty, pid, state, restarts, last heartbeat."""
+    """Show a run's progress and every process: role, level, pid, state, restarts, last heartbeat."""
     folder = find_run(run)
     try:
         with reach(folder) as bus:

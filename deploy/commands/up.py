@@ -7,12 +7,14 @@ import typer
 
 from common.config import RunConfig
 from common.folder import RunFolder
+from common.levels.bank import bank_root
 from common.locks import living
 from common.records.rows import EpisodeRow, EvaluationRow
 from common.rows import read_rows
 from deploy.commands.scale import scale_to
 from deploy.follow import outcome_of
-from deploy.launch import check_existing, fresh_name, new_run, save_config, start_supervisor
+from deploy.launch import check_existing, check_new, fresh_name, new_run, save_config, start_supervisor
+from deploy.levels import prepare_levels, read_own
 from deploy.output import console, counted, one_line_errors
 from deploy.resolve import algorithms, merge, parse_actors, parse_sets, read_file, resolve, resolve_existing
 from deploy.runs import Failed, runs_root, supervised
@@ -83,13 +85,24 @@ def prepare(name: str | None, given: dict[str, Any], base: Path = Path()) -> tup
     """The folder and configuration of a new run, or of the one that has this name."""
     if name is None or not (runs_root() / name / "config.yaml").exists():
         config = resolve(given, base)
-        return new_run(name or fresh_name(config), config), config
+        name = name or fresh_name(config)
+        check_new(name, config)
+        own = read_own(config.world.levels, base)
+        for note in (note for read in own.values() for note in read.left_out):
+            console.print(note, markup=False, soft_wrap=True)
+        _prepare_levels(config)
+        return new_run(name, config, own=own), config
     folder = RunFolder(runs_root() / name)
     config = resolve_existing(folder.config(), given, name, base)
     if not supervised(folder):
         check_existing(folder, config)
+        _prepare_levels(config)
         save_config(folder, config)
     return folder, config
+
+
+def _prepare_levels(config: RunConfig) -> None:
+    prepare_levels(config.world.levels, bank_root(runs_root()), config.cluster.cores)
 
 
 def conclude(folder: RunFolder) -> None:

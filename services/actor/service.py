@@ -66,7 +66,7 @@ class Actor:
         self._serves = serves
         self._kept: dict[tuple[int, int], Fragment] = {}  # by episode and fragment
         self._shelf = Shelf(context.config.lag + 2)
-        self._levels = supply_of(context.config.world.levels, context.folder)
+        self._levels = supply_of(context.config.world.levels, context.folder.path)
         self._stands_at: tuple[int, int] | None = None  # episode and steps that the last player's world is at
         self._network = chooser_of(context.config)
         self._players = Players(context.config, self._network, self._on_step)

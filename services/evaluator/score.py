@@ -10,11 +10,12 @@ import numpy as np
 
 from analysis.statistics import mean_interval
 from common.checkpoint import CheckpointError
-from common.levels import files
 from common.levels.chunks import BankError
 from common.levels.distributions import AnyLevels, Rules, shipped
 from common.levels.files import LevelFileError
 from common.levels.level import Level
+from common.levels.own import LEVELS
+from common.levels.reading import read
 from common.levels.supply import LevelSupply
 from common.policy.checkpoints import SavedPolicy, load_policy
 from common.policy.compiled import Twin
@@ -41,7 +42,7 @@ def score(request: ScoreRequest) -> None:
     saved = load_policy(request.checkpoint)
     config, draws = saved.config, draws_seed(request, saved)
     known = config.world.levels | shipped() | request.levels.own
-    kept = request.checkpoint.parent.parent / "levels"  # by its run
+    kept = request.checkpoint.parent.parent / LEVELS  # by its run
     rules = {levels.rules for levels in config.world.levels.values()}
     groups = groups_of(request.levels, known, list(config.mix), rules, kept)
     rows = [played(group, policy_for(group, saved, draws), request.levels.file) for group in groups]
@@ -113,12 +114,18 @@ def drawn(choice: LevelChoice, known: Mapping[str, AnyLevels], names: Sequence[s
                 f"--episodes {choice.episodes}: {count} evaluation levels of {name} are kept from training: use no "
                 "more, or another --seed, whose rails training may know"
             )
-    supply = LevelSupply(known, choice.bank, kept)
+
+    def supply_for(name: str) -> LevelSupply:
+        """Of a run file's level files there are no copies, even if the run has some under the same name."""
+        if name in choice.own:
+            return LevelSupply(known, choice.bank, base=choice.base)
+        return LevelSupply(known, choice.bank, kept)
+
     return [
         Group(
             name,
             known[name].rules,
-            map(partial(supply.evaluation, name, sequence=choice.seed), range(choice.episodes)),
+            map(partial(supply_for(name).evaluation, name, sequence=choice.seed), range(choice.episodes)),
             choice.episodes,
             known[name].bounds.trains,
         )
@@ -133,7 +140,7 @@ def recorded(path: Path, names: Sequence[str] | None, rules: set[Rules]) -> Iter
         ConfigError: the file lacks a group, or one is empty.
         LevelFileError: it cannot be used.
     """
-    groups = files.load(path)
+    groups = read(path).groups
     for name in names or groups:
         if name not in groups:
             raise ConfigError(f"{path} has no group {name!r}{nearest(name, list(groups))}")

@@ -43,7 +43,7 @@ class Evaluator:
             raise Fatal(str(error)) from None
         self._done = {(row.episode, row.level) for row in self._file.rows}
         self._announced = threading.Event()
-        self._levels = supply_of(context.config.world.levels, context.folder)
+        self._levels = supply_of(context.config.world.levels, context.folder.path)
         self._network = chooser_of(context.config)
         self._players = Players(context.config, self._network, self._on_step)
 

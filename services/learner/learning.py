@@ -6,15 +6,17 @@ An update rule is a module of `services.learner.algorithms` with a function `bui
 import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from common.config import RunConfig
 from common.rail.world import N_ACTIONS
 from common.records.acting import Fragment
 from common.rules.settings import RuleSettings
+
+if TYPE_CHECKING:  # algorithms, which come here, are not to see it
+    from common.config import RunConfig
 
 S_co = TypeVar("S_co", bound=RuleSettings, covariant=True)
 
@@ -40,7 +42,7 @@ class Learning(Generic[S_co]):
     least_reward: float = -1.0
 
 
-def learning_of(config: RunConfig) -> Learning[RuleSettings]:
+def learning_of(config: "RunConfig") -> Learning[RuleSettings]:
     """The part of a run's configuration that learning sees."""
     world = config.world
     return Learning(config.seed, config.episodes, config.learning, world.n_features, least_reward=world.reward.floor)

@@ -143,15 +143,20 @@ def _supply(drawn: Drawn) -> LevelSupply:
 
 def import_files(request: ImportRequest) -> None:
     """Gather the levels of several files in one .npz file."""
-    groups: Groups = {}
-    left_out = []
+    gathered: Groups = {}
+    held = []
     for path in request.files:
         found = read(path)
-        left_out += [f"{path}: {text}" for text in found.left_out]
+        held.append({"file": str(path), "groups": _counts(found.groups), "left_out": found.left_out})
         for name, levels in found.groups.items():
-            groups.setdefault(request.group or name, []).extend(levels)
+            gathered.setdefault(request.group or name, []).extend(levels)
+    groups: Groups = {}
+    for name, levels in gathered.items():
+        for part, some in _by_shape(name, levels).items():
+            groups.setdefault(part, []).extend(some)
     files.save(request.output, groups)
-    say({"file": str(request.output), "groups": _counts(groups), "left_out": left_out})
+    left_out = [f"{file['file']}: {note}" for file in held for note in file["left_out"]]
+    say({"file": str(request.output), "groups": _counts(groups), "files": held, "left_out": left_out})
 
 
 def export(request: ExportRequest) -> None:

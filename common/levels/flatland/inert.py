@@ -6,6 +6,7 @@ memory of the order of their size.
 """
 
 import io
+import math
 import pickle
 import re
 import struct
@@ -13,10 +14,17 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import Any, ClassVar, Self
 
+import numpy as np
+
 # flatland-rl patches `msgpack.unpackb` for the whole process on import: the patched one unpickles what it is asked to.
 from msgpack._cmsgpack import unpackb
+from numpy.typing import NDArray
 
-MOST_ITEMS = 20_000  # of a container in a msgpack file: one that is announced takes memory before it is there
+MOST_BYTES = 256_000_000  # of a file
+MOST_ITEMS = 10_000  # of a container in a msgpack file: one that is announced takes memory before it is there
+MOST_PARTS = 3_000_000  # that a file is made of: some take a hundred times the memory of their byte in the file
+MOST_NAMES = 1000  # of classes
+MOST_FIELDS = 8  # of a dictionary that stands for a number or an array
 DEEPEST_KEY = 4  # tuples in each other, as keys
 FRACTION = re.compile(r"^(-?\d{1,18})(?:/(\d{1,18}))?$")
 NUMBERS = {  # numpy's types, as struct reads them
@@ -61,10 +69,30 @@ class Stub:
         """Remember it."""
         self.state = state
 
+    def append(self, _item: Any) -> None:
+        """Nobody asks for it: what an object of a kind of list holds."""
+
+    def __setitem__(self, _key: Any, _value: Any) -> None:
+        """Nobody asks for it: what an object of a kind of dictionary holds."""
+
     @property
     def is_called(self) -> str:
         """The name of the class alone."""
         return self.name.rpartition(".")[2]
+
+
+class _Countdown(dict[int, Callable[[Any], None]]):
+    """What to do for each code of a pickle, so many times in all."""
+
+    def __init__(self, dispatch: dict[int, Callable[[Any], None]]) -> None:
+        super().__init__(dispatch)
+        self._left = MOST_PARTS
+
+    def __getitem__(self, code: int) -> Callable[[Any], None]:
+        self._left -= 1
+        if self._left < 0:
+            raise NotPlainError("a pickle of too many parts")
+        return super().__getitem__(code)
 
 
 class _Reader(pickle._Unpickler):  # noqa: SLF001
@@ -83,14 +111,23 @@ class _Reader(pickle._Unpickler):  # noqa: SLF001
             *pickle.INST,
             *pickle.OBJ,
             *pickle.DICT,
-            *pickle.BYTEARRAY8,
             *pickle.NEXT_BUFFER,
             *pickle.READONLY_BUFFER,
         }
     }
 
+    def __init__(self, data: bytes) -> None:
+        super().__init__(io.BytesIO(data))
+        self.dispatch = _Countdown(self.dispatch)  # type: ignore[misc]
+        self._classes: dict[str, type[Stub]] = {}
+
     def find_class(self, module: str, name: str) -> type[Stub]:
-        return type("Stub", (Stub,), {"name": f"{module}.{name}"})
+        called = f"{module}.{name}"
+        if called not in self._classes:
+            if len(self._classes) >= MOST_NAMES:
+                raise NotPlainError("a pickle of too many classes")
+            self._classes[called] = type("Stub", (Stub,), {"name": called})
+        return self._classes[called]
 
 
 def _checked(opcode: bytes, keys: Callable[[Any], Any]) -> None:
@@ -106,6 +143,15 @@ def _checked(opcode: bytes, keys: Callable[[Any], Any]) -> None:
     _Reader.dispatch[opcode[0]] = load
 
 
+def _read_byte_array(self: Any) -> None:
+    """As bytes of what is there: the original takes the memory that is announced."""
+    (length,) = struct.unpack("<Q", self.read(8))
+    if length > MOST_BYTES:
+        raise NotPlainError("an array that is too long")
+    self.append(self.read(length))
+
+
+_Reader.dispatch[pickle.BYTEARRAY8[0]] = _read_byte_array
 _checked(pickle.SETITEM, lambda self: self.stack[-2:-1])
 _checked(pickle.SETITEMS, lambda self: self.stack[::2])
 _checked(pickle.ADDITEMS, lambda self: self.stack)
@@ -120,13 +166,24 @@ def _is_flat(value: Any, depth: int) -> bool:
 
 def unpickled(data: bytes) -> Any:
     """What a pickle holds, with stubs for all objects; raises anything if it is broken."""
-    return _Reader(io.BytesIO(data)).load()
+    return _Reader(data).load()
 
 
 def unpacked(data: bytes) -> Any:
     """What msgpack holds; arrays are tuples. Raises anything if it is broken."""
+    left = MOST_PARTS
+
+    def count(container: Any) -> Any:
+        nonlocal left
+        left -= 1 + len(container)
+        if left < 0:
+            raise NotPlainError("a file of too many parts")
+        return container
+
     return unpackb(
         data,
+        list_hook=count,
+        object_hook=count,
         use_list=False,
         raw=False,
         unicode_errors="surrogateescape",  # of numpy's bytes, which old writers took for text
@@ -145,12 +202,12 @@ def number(value: Any) -> int | float | Fraction:
     if isinstance(value, bool | int | float | Fraction):
         return int(value) if isinstance(value, bool) else value
     if isinstance(value, dict):  # numpy's, by msgpack-numpy
-        fields = {_text(key): part for key, part in value.items()}
+        fields = _fields(value)
         if not fields.get("nd", True):
             return _decoded(_text(fields.get("type")), _bytes(fields.get("data")))
     if isinstance(value, Stub):
-        if value.is_called == "Fraction" and len(value.arguments) == 1:
-            return _fraction(value.arguments[0])
+        if value.is_called == "Fraction":
+            return _fraction(value.arguments)
         if value.is_called == "scalar" and len(value.arguments) == 2:
             kind, data = value.arguments
             return _decoded(_kind(kind), data)
@@ -184,8 +241,51 @@ def sequence(value: Any, most: int) -> list[Any]:
     return list(value)
 
 
-def _fraction(text: Any) -> Fraction:
-    match = FRACTION.match(text) if isinstance(text, str) else None
+def table(value: Any, most: int) -> NDArray[Any] | None:
+    """Numpy's array of whole numbers with two dimensions, however it was written; None if it is no array of numpy's.
+
+    Raises:
+        NotPlainError: it is damaged, of another kind, or has more items.
+    """
+    if isinstance(value, dict):  # by msgpack-numpy
+        fields = _fields(value)
+        form = _text(fields.get("type")), fields.get("shape"), _bytes(fields.get("data")), False
+    elif isinstance(value, Stub) and value.is_called == "_reconstruct" and isinstance(value.state, tuple):
+        _version, shape, dtype, by_columns, data = value.state
+        form = _kind(dtype), shape, _latin(data), by_columns
+    elif isinstance(value, Stub) and value.is_called == "_frombuffer":  # of protocol 5
+        data, dtype, shape, order = value.arguments
+        form = _kind(dtype), shape, data, order == "F"
+    else:
+        return None
+    kind, shape, data, by_columns = form
+    height, width = (whole(side, 0, most) for side in sequence(shape, 2))
+    code = kind.lstrip("<>=|")
+    if code not in NUMBERS or code[0] not in "iu" or not isinstance(data, bytes) or height * width > most:
+        raise NotPlainError("an array of another kind")
+    dtype = np.dtype(kind)
+    if len(data) != math.prod((height, width, dtype.itemsize)):
+        raise NotPlainError("an array of another length than its shape")
+    return np.frombuffer(data, dtype).reshape((height, width), order="F" if by_columns else "C")
+
+
+def _fields(value: dict[Any, Any]) -> dict[str, Any]:
+    if len(value) > MOST_FIELDS:
+        raise NotPlainError("a dictionary that stands for no number")
+    return {_text(key): part for key, part in value.items()}
+
+
+def _latin(data: Any) -> Any:
+    """Bytes that pickles of the first protocols write as text."""
+    if isinstance(data, Stub) and data.is_called == "encode" and isinstance(data.arguments[0], str):
+        return data.arguments[0].encode("latin-1")
+    return data
+
+
+def _fraction(arguments: tuple[Any, ...]) -> Fraction:
+    """Of its text, or since Python 3.12 of its two numbers."""
+    text = "/".join(map(str, arguments)) if all(type(part) is int for part in arguments[:2]) else arguments[0]
+    match = FRACTION.match(text) if isinstance(text, str) and len(arguments) <= 2 else None
     if match is None or (match[2] is not None and int(match[2]) == 0):
         raise NotPlainError("a fraction that is none")
     return Fraction(int(match[1]), int(match[2] or 1))

@@ -26,10 +26,10 @@ def import_(
 ) -> None:
     """Gather levels of flatland-rl's files or .npz files in one .npz file.
 
-    Speeds, malfunctions and timetables come along; what a level cannot say is named.
+    Speeds, malfunctions and timetables come along; what cannot is named. Levels of one shape share a group.
     """
     result = ask(ImportRequest(files=tuple(files), group=group, output=output))
-    say("\n".join([f"{output}: {_counts(result['groups'])}", *_left_out(result)]), result, as_json=as_json)
+    say("\n".join([*_read(result), f"{output}: {_counts(result['groups'])}"]), result, as_json=as_json)
 
 
 @one_line_errors
@@ -55,12 +55,19 @@ def export(
     drawn = None if levels is not None else drawn_from(level, file, bank or bank_root(runs_root()))
     result = ask(ExportRequest(file=levels, drawn=drawn, count=count, seed=seed, output=output))
     text = f"{output}: {_counts(result['groups'])} in {counted(result['files'], 'file')}"
-    say("\n".join([text, *_left_out(result)]), result, as_json=as_json)
+    say("\n".join([*(f"{levels}: {note}" for note in result["left_out"]), text]), result, as_json=as_json)
 
 
 def _counts(groups: dict[str, int]) -> str:
     return ", ".join(f"{counted(count, 'level')} of {name}" for name, count in groups.items())
 
 
-def _left_out(result: dict[str, Any]) -> list[str]:
-    return [f"left out: {what}" for what in result["left_out"]]
+def _read(result: dict[str, Any]) -> list[str]:
+    """What every file holds, and what of it did not come along."""
+    lines = []
+    for file in result["files"]:
+        lines += [
+            f"{file['file']}: {_counts(file['groups'])}",
+            *(f"{file['file']}: {note}" for note in file["left_out"]),
+        ]
+    return lines

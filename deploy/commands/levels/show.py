@@ -39,5 +39,4 @@ def show(
         f"{result['switches']} switches, {result['max_steps']} steps\n"
         f"picture  {result['picture']}"
     )
-    left_out = [f"left out: {what}" for what in result["left_out"]]
-    say("\n".join([text, *left_out]), result, as_json=as_json)
+    say("\n".join([text, *result["left_out"]]), result, as_json=as_json)
