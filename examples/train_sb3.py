@@ -73,7 +73,9 @@ def main() -> None:
     )
 
     def tell(who: str) -> None:
-        sampled, greedy = (mean_return(model, options.levels, options.episodes, greedy=greedy) for greedy in (False, True))
+        sampled, greedy = (
+            mean_return(model, options.levels, options.episodes, greedy=greedy) for greedy in (False, True)
+        )
         print(f"{who}: mean normalised return {sampled:.3f} sampled, {greedy:.3f} greedy, {options.episodes} levels")
 
     tell("untrained")

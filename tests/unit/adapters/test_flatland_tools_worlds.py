@@ -1,20 +1,13 @@
 """Checkpoints of any world in flatland-rl's hands: the same episode as in ours where the rules are, else a refusal."""
 
-from dataclasses import replace
-
-import click
 import numpy as np
 import pytest
 from flatland.envs.persistence import RailEnvPersister
 from stock_levels import RUSH, rush_level
 
 from adapters.flatland_tools import CheckpointObservation, CheckpointPolicy, StudyRewards
-from common.levels.supply import LevelSupply
 from common.policy.checkpoints import load_policy
 from common.policy.player import Acting, play, player
-from common.rail.plain_env import plain_environment
-from common.rail.play import Decision, Stage
-from common.rail.compiled.world import CompiledWorld
 from common.rules.settings import NetworkConfig
 from tools.levels.export import save_pickle
 
