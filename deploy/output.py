@@ -39,7 +39,8 @@ def print_table(table: Table) -> None:
     """Print a table without losing a column: wider than a narrow terminal if it must be, in a file as wide as it is."""
     need = Measurement.get(console, console.options.update(width=WIDEST), table)
     wanted = need.minimum if console.is_terminal else need.maximum
-    console.print(table, width=max(console.width, wanted), crop=False)
+    wide = Console(file=console.file, width=max(console.width, wanted), force_terminal=console.is_terminal)
+    wide.print(table)
 
 
 def counted(number: int, noun: str) -> str:

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from rich.console import JustifyMethod
 from rich.table import Table
 
 from common.levels.distributions import AnyLevels, LevelFiles, StockLevels
@@ -22,8 +21,8 @@ def list_(file: RunFile = None, as_json: AsJson = False) -> None:
         return
     table = Table(box=None, pad_edge=False)
     for column in COLUMNS:
-        justify: JustifyMethod = "right" if column in {"trains", "cities", "held out"} else "left"
-        table.add_column(column, justify=justify, no_wrap=True)
+        is_number = column in {"trains", "cities", "held out"}
+        table.add_column(column, justify="right" if is_number else "left", no_wrap=True)
     for row in rows:
         table.add_row(*_cells(row))
     print_table(table)
