@@ -2,14 +2,13 @@
 
 from typing import Any
 
-from rich.table import Table
-
 from common.levels.distributions import AnyLevels, LevelFiles, StockLevels
 from deploy.commands.levels.options import RunFile
 from deploy.levels import known_levels
-from deploy.output import AsJson, console, one_line_errors, say
+from deploy.output import AsJson, one_line_errors, print_table, say
+from deploy.show import named_table
 
-COLUMNS = ("name", "rules", "size", "trains", "cities", "speeds", "malfunctions", "timetable", "held out")
+COLUMNS = ("name", "rules", "size", "trains", "speeds", "malfunctions", "timetable", "held out")
 
 
 @one_line_errors
@@ -19,12 +18,10 @@ def list_(file: RunFile = None, as_json: AsJson = False) -> None:
     if as_json:
         say("", {"levels": rows}, as_json=True)
         return
-    table = Table(box=None, pad_edge=False)
-    for column in COLUMNS:
-        table.add_column(column, justify="right" if column in {"trains", "cities", "held out"} else "left")
+    table = named_table(*COLUMNS)
     for row in rows:
         table.add_row(*_cells(row))
-    console.print(table)
+    print_table(table)
 
 
 def _row(name: str, levels: AnyLevels) -> dict[str, Any]:
@@ -62,8 +59,7 @@ def _cells(row: dict[str, Any]) -> list[str]:
             row["rules"],
             f"<= {size}",
             f"<= {row['trains']}",
-            "",
-            *["as in its files"] * 3,
+            *["as in files"] * 3,
             str(row["held_out"]),
         ]
     speeds = (
@@ -79,7 +75,6 @@ def _cells(row: dict[str, Any]) -> list[str]:
         row["rules"],
         size,
         str(row["trains"]),
-        str(row["cities"]),
         speeds,
         malfunctions,
         timetable,
