@@ -49,7 +49,7 @@ def test_a_level_that_cannot_be_played_is_named():
 @pytest.fixture(scope="module")
 def twin(write_checkpoint, tmp_path_factory):
     path = tmp_path_factory.mktemp("policy") / "weights.safetensors"
-    return load_policy(write_checkpoint(path, NetworkConfig(kind="actor-critic"), seed=1)).twin
+    return load_policy(write_checkpoint(path, NetworkConfig(kind="actor-critic"), seed=1)).network
 
 
 def test_greedy_play_takes_the_best_and_the_room_for_trains_changes_nothing(twin):

@@ -40,7 +40,7 @@ def played(name, level, index=0, **options):
 
 def test_random_trains_act_as_a_network_that_only_explores(write_checkpoint, tmp_path):
     network = NetworkConfig(kind="dueling")
-    twin = load_policy(write_checkpoint(tmp_path / "weights.safetensors", network)).twin
+    twin = load_policy(write_checkpoint(tmp_path / "weights.safetensors", network)).network
     level = LevelSupply().evaluation("easy", 1)
     acting = Acting(twin, epsilon=1.0, key=stream_key(5, 2, "evaluation-random"))
     expected, ours = play(study_player("compiled", 3), level, acting), played("random", level, 2, seed=5)
