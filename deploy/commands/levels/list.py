@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from rich.console import JustifyMethod
 from rich.table import Table
 
 from common.levels.distributions import AnyLevels, LevelFiles, StockLevels
@@ -11,6 +10,8 @@ from deploy.levels import known_levels
 from deploy.output import AsJson, console, one_line_errors, say
 
 COLUMNS = ("name", "rules", "size", "trains", "cities", "speeds", "malfunctions", "timetable", "held out")
+WIDEST = 300
+NUMBERS = ("trains", "cities", "held out")
 
 
 @one_line_errors
@@ -22,11 +23,10 @@ def list_(file: RunFile = None, as_json: AsJson = False) -> None:
         return
     table = Table(box=None, pad_edge=False)
     for column in COLUMNS:
-        justify: JustifyMethod = "right" if column in {"trains", "cities", "held out"} else "left"
-        table.add_column(column, justify=justify, no_wrap=True)
+        table.add_column(column, justify="right" if column in NUMBERS else "left", no_wrap=True)
     for row in rows:
         table.add_row(*_cells(row))
-    console.print(table, soft_wrap=True)
+    console.print(table, width=max(console.width, WIDEST), crop=False)  # wrapped by the terminal, never cut
 
 
 def _row(name: str, levels: AnyLevels) -> dict[str, Any]:
