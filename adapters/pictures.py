@@ -87,10 +87,12 @@ class Canvas:
     def _draw_target(self, draw: Any, number: int) -> None:
         row, column = self._level.targets[number].tolist()
         same = [other for other, cell in enumerate(self._level.targets.tolist()) if cell == [row, column]]
-        inset = 0.03 + same.index(number) * min(0.12, 0.4 / len(same))  # frames of several trains lie inside each other
+        at = same.index(number)
+        inset = 0.03 + at * min(0.12, 0.4 / len(same))  # frames of several trains lie inside each other
         corners = np.array([(column + inset, row + inset), (column + 1 - inset, row + 1 - inset)])
         draw.rectangle(self._points(corners), outline=_colour(number), width=self._thickness(0.1))
-        self._write(draw, (column + 0.5, row + 0.5), number, _colour(number), "white")
+        beside = 0.36 * (at - (len(same) - 1) / 2)
+        self._write(draw, (column + 0.5 + beside, row + 0.5), number, _colour(number), "white")
 
     def _draw_train(self, draw: Any, number: int, train: Sight, place: tuple[int, int, int]) -> None:
         row, column, heading = place

@@ -110,21 +110,10 @@ class FlatlandEpisode:
     def deciding(self) -> list[bool]:
         """Trains that may depart, and those on the map that the rule of decisions names, if not committed."""
         committed = self.committed()
-        return [self._decides(agent, committed[train]) for train, agent in enumerate(self._agents)]
-
-    def _decides(self, agent: Any, committed: bool) -> bool:
-        here = agent.current_configuration
-        if here is None:
-            return bool(agent.state == TrainState.READY_TO_DEPART)
-        if committed:
-            return False
-        if self._settings.decisions == "legacy":
-            return True
-        if not agent.speed_counter.is_cell_exit(agent.speed_counter.max_speed):
-            return False
-        (row, column), heading = here
-        may = self._cells[row, column, heading] and not agent.malfunction_handler.in_malfunction
-        return self._settings.decisions == "always" or bool(may)
+        return [
+            not committed[train] and decides(agent, self._settings.decisions, self._cells)
+            for train, agent in enumerate(self._agents)
+        ]
 
     def arrived(self) -> list[bool]:
         return [agent.state == TrainState.DONE for agent in self._agents]
@@ -152,6 +141,20 @@ class FlatlandEpisode:
         if not isinstance(self._sight, LegacyTrees):
             raise TypeError("raw trees are those of 2.2.2")
         return self._sight.tree(train)
+
+
+def decides(agent: Any, decisions: Decisions, cells: NDArray[np.bool_]) -> bool:
+    """Whether one of the library's trains decides that is not committed; `cells` are those of `decision_cells`."""
+    here = agent.current_configuration
+    if here is None:
+        return bool(agent.state == TrainState.READY_TO_DEPART)
+    if decisions == "legacy":
+        return True
+    if not agent.speed_counter.is_cell_exit(agent.speed_counter.max_speed):
+        return False
+    (row, column), heading = here
+    may = cells[row, column, heading] and not agent.malfunction_handler.in_malfunction
+    return decisions == "always" or bool(may)
 
 
 class FlatlandWorld:

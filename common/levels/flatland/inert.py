@@ -210,7 +210,7 @@ def number(value: Any) -> int | float | Fraction:
             return _fraction(value.arguments)
         if value.is_called == "scalar" and len(value.arguments) == 2:
             kind, data = value.arguments
-            return _decoded(_kind(kind), data)
+            return _decoded(_kind(kind), _latin(data))
         if len(value.arguments) == 1 and isinstance(value.arguments[0], int):  # an enum's member
             return int(value.arguments[0])
     raise NotPlainError("something is no number")

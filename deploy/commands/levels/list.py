@@ -7,11 +7,9 @@ from rich.table import Table
 from common.levels.distributions import AnyLevels, LevelFiles, StockLevels
 from deploy.commands.levels.options import RunFile
 from deploy.levels import known_levels
-from deploy.output import AsJson, console, one_line_errors, say
+from deploy.output import AsJson, one_line_errors, print_table, say
 
 COLUMNS = ("name", "rules", "size", "trains", "cities", "speeds", "malfunctions", "timetable", "held out")
-WIDEST = 300
-NUMBERS = ("trains", "cities", "held out")
 
 
 @one_line_errors
@@ -23,10 +21,11 @@ def list_(file: RunFile = None, as_json: AsJson = False) -> None:
         return
     table = Table(box=None, pad_edge=False)
     for column in COLUMNS:
-        table.add_column(column, justify="right" if column in NUMBERS else "left", no_wrap=True)
+        is_number = column in {"trains", "cities", "held out"}
+        table.add_column(column, justify="right" if is_number else "left", no_wrap=True)
     for row in rows:
         table.add_row(*_cells(row))
-    console.print(table, width=max(console.width, WIDEST), crop=False)  # wrapped by the terminal, never cut
+    print_table(table)
 
 
 def _row(name: str, levels: AnyLevels) -> dict[str, Any]:

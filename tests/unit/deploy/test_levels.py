@@ -212,16 +212,17 @@ def test_what_there_is_is_listed(railctl, run_file: Path):
 
 
 def test_levels_of_one_s_own_are_built_verified_drawn_and_exported(railctl, run_file: Path, tmp_path: Path):
-    railctl("build", "--level", "rush", "-f", run_file, "--seeds", "3", "--episodes", 2)
+    rush = ("--level", "rush", "-f", run_file)
+    railctl("build", *rush, "--seeds", "3", "--episodes", 2)
     seeds = LevelBank(tmp_path / "bank").seeds(key_of(RUSH))
     assert {evaluation_level_seed(index) for index in range(3)} < seeds
     assert f"no change in {len(seeds)} levels" in railctl("verify", "-f", run_file)
     picture = tmp_path / "level.png"
-    facts = json.loads(railctl("show", "--level", "rush", "-f", run_file, "--seed", 7, "--output", picture, "--json"))
+    facts = json.loads(railctl("show", *rush, "--seed", 7, "--output", picture, "--json"))
     assert facts["content_hash"] == generate_any(RUSH, 7).content_hash
     assert set(facts["speeds"]) <= {0.5, 1.0}
     assert facts["malfunctions"] == {"rate": 0.002, "min_steps": 20, "max_steps": 50}
-    railctl("export", "--level", "rush", "-f", run_file, "--output", tmp_path / "out.npz")
+    railctl("export", *rush, "--output", tmp_path / "out.npz")
     expected = [generate_any(RUSH, evaluation_level_seed(index)).content_hash for index in range(3)]
     assert [level.content_hash for level in files.load(tmp_path / "out.npz")["rush"]] == expected
 
