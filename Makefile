@@ -16,7 +16,7 @@ $(VENV)/installed: pyproject.toml constraints.txt
 	$(BIN)/python -m common.policy.compile
 	$(BIN)/python -m services.learner.compile
 	for policy in shortest-path deadlock-avoidance planner; do \
-		$(BIN)/python -m services.evaluator.references $$policy --level easy --episodes 1 > /dev/null || exit; done
+		$(BIN)/railctl evaluate $$policy --level easy --episodes 1 > /dev/null || exit; done
 	touch $@
 
 # Learns more often than the study does, so that the curve rises within 300 episodes.

@@ -1,40 +1,47 @@
-"""The study's world as a PettingZoo `ParallelEnv`: the compiled world, the training levels, an agent a train.
+"""Any world of a run file as a PettingZoo `ParallelEnv`: the compiled world, the training levels, an agent a train.
 
 Source of the interface: "PettingZoo: Gym for Multi-Agent Reinforcement Learning", Terry et al. (2021,
-arXiv:2009.14471). Observations are the normalised trees of `common.rail.normalise`, actions and rewards flatland's
-and the study's.
+arXiv:2009.14471). Observations and rewards are those of the world, actions flatland's.
 
 Trains decide at few steps only (`decisions`). All others get an observation, too, but their actions do not count:
 `infos[agent]["deciding"]` says so, and `infos[agent]["action_mask"]` leaves them MOVE_FORWARD alone.
 
 The study gives 1 to all trains on the step on which the last one arrives. Those that arrived before are no agents any
-more: `infos[agent]["team_reward"]` is the sum over all trains, whose sum over an episode, divided by trains and step
-limit, is the normalised return.
+more: `infos[agent]["team_reward"]` is the sum over all trains. On the last step `infos[agent]["normalised_return"]` is
+what the study reports of the episode, whatever is learned from, and under stock rules `infos[agent]["score"]` is the
+score of flatland-rl 4.3.0.
 """
 
 import secrets
 from collections.abc import Mapping
-from typing import Any, get_args
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from gymnasium import logger
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from common.levels.distributions import shipped
+from adapters.settings import setting_of
+from common.levels.distributions import Rules
 from common.levels.level import Level
 from common.levels.supply import LevelSupply
-from common.rail.compiled.decisions import Decisions
+from common.policy.player import compiled_world
 from common.rail.compiled.world import CompiledWorld
-from common.rail.observations.tree import TreeObservation
+from common.rail.observations.table import look
 from common.rail.world import MOVE_FORWARD, N_ACTIONS
-from common.seeding import training_level_seed
-from common.strict import nearest
+from common.records.course import NONE, normalised_return
+from common.seeding import training_distribution, training_level_seed, training_malfunction_seed
+from common.strict import ConfigError, nearest
+from common.world import Decisions, WorldSpec
 
 Observation = NDArray[np.float32]
 Infos = dict[str, dict[str, Any]]
 Actions = Mapping[str, int | np.int64]
+Outcome = tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]
+RENDER_MODES = ["human", "rgb_array"]
 SEED_BITS = 31
 
 
@@ -51,49 +58,68 @@ ALL_ACTIONS, FORWARD_ONLY = _mask(range(N_ACTIONS)), _mask(range(MOVE_FORWARD, M
 class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
     """Agents `train_0`, `train_1`, ...; one that has arrived terminates, the step limit truncates the others.
 
-    After `reset(seed=s)` an episode is on the level on which the first episode of a run of seed s trains, if the run
-    is of this difficulty; each `reset()` then goes on to the next. A seed is drawn if none was ever given.
+    After `reset(seed=s)` an episode is on the level, with the malfunctions, of the first episode of a run of seed s and
+    of the same levels; each `reset()` then goes on to the next. A seed is drawn if none was ever given.
 
     Attributes:
-        level: the one that is being played.
+        world: what is played.
+        level: the level that is being played.
     """
 
-    metadata = {"name": "railctl_trains_v0", "render_modes": []}  # noqa: RUF012  (the interface's own form)
-    render_mode = None
+    metadata = {  # noqa: RUF012  (the interface's own form)
+        "name": "railctl_trains_v0",
+        "render_modes": RENDER_MODES,
+        "render_fps": 5,
+    }
 
-    def __init__(
+    def __init__(  # noqa: PLR0913
         self,
-        difficulty: str = "easy",
+        name: str | None = None,
         *,
-        depth: int = 2,
-        decisions: Decisions = "cells",
+        run_file: Path | str | None = None,
+        world: WorldSpec | None = None,
+        depth: int | None = None,
+        decisions: Decisions | None = None,
         levels: LevelSupply | None = None,
+        render_mode: str | None = None,
     ) -> None:
         """Make an environment; it starts with `reset`.
 
         Args:
-            difficulty: of the levels, unless `reset` asks for another; there can be no more trains than in this one.
-            depth: of the trees, 1 to 3: 60, 252 or 1020 features.
-            decisions: where trains decide, `cells`, `legacy` or `always`; see `common.rail.compiled.decisions`.
-            levels: where they come from; the generator if not given.
+            name: of the level distribution, unless `reset` asks for another. If not given: `easy`, the mix of the run
+                file, or all of the world's with equal shares.
+            run_file: as `railctl up -f` takes it: its levels, observation, decisions, reward and mix count.
+            world: what is played, instead of a run file; with neither, the study's world.
+            depth: of the trees of the study's world, 1 to 3: 60, 252 or 1020 features.
+            decisions: where trains of the study's world decide, `cells`, `legacy` or `always`.
+            levels: where levels come from; the generators and the run file's level files if not given.
+            render_mode: `rgb_array` or `human`, see `render`.
 
         Raises:
-            ValueError: an argument is none of these.
+            ValueError: an argument is none of these, or they contradict each other.
+            NoDisplayError: `human`, and there is no display.
         """
-        if decisions not in get_args(Decisions):
-            raise ValueError(f"unknown decisions {decisions}{nearest(decisions, list(get_args(Decisions)))}")
-        self.difficulty = _known(difficulty)
-        self.possible_agents = [f"train_{train}" for train in range(shipped()[difficulty].trains)]
+        setting = setting_of(run_file, world, depth, decisions)
+        self._setting = setting if name is None else setting.only(name)
+        self.world = setting.world
+        self.possible_agents = [f"train_{train}" for train in range(self._setting.most_trains)]
         self.agents: list[str] = []
         self.level: Level | None = None
-        observation = TreeObservation(depth=depth)
-        self._world = CompiledWorld(1, len(self.possible_agents), decisions=decisions, observation=observation)
-        self._levels = LevelSupply() if levels is None else levels
+        self._levels = LevelSupply(self.world.levels, base=setting.base) if levels is None else levels
         self._numbers = {agent: train for train, agent in enumerate(self.possible_agents)}
-        self.observation_spaces = {agent: self._box() for agent in self.possible_agents}
-        self.action_spaces = {agent: Discrete(N_ACTIONS) for agent in self.possible_agents}
+        observation = self.world.observation
+        box = Box(observation.low, observation.high, (self.world.n_features,), np.float32)
+        self.observation_spaces: dict[str, Space[Any]] = dict.fromkeys(self.possible_agents, box)
+        self.action_spaces: dict[str, Space[Any]] = {agent: Discrete(N_ACTIONS) for agent in self.possible_agents}
+        self._worlds: dict[Rules, CompiledWorld] = {}
+        self._played: CompiledWorld | None = None
+        self._arrived_at = np.zeros(0, np.int32)
+        self._step = 0
         self._seed: int | None = None
         self._episode = 0
+        self.render_mode = _render_mode(render_mode)
+        self._canvas: Any = None
+        self._window: Any = _window(self.metadata) if render_mode == "human" else None
 
     def observation_space(self, agent: str) -> Space[Observation]:
         return self.observation_spaces[agent]
@@ -108,14 +134,15 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
 
         Args:
             seed: see the class.
-            options: `difficulty`, of this level, or `level`, to be played instead of a drawn one. Others are left to
-                wrappers.
+            options: `levels`, the name of the distribution of this level (`difficulty` says the same), or `level`, to
+                be played instead of a drawn one: under the rules of the environment's levels, or, if there are both
+                among them, stock rules if it has a schedule. Others are left to wrappers.
 
         Returns:
             Observations and infos of all agents.
 
         Raises:
-            ValueError: the level has more trains than there can be agents.
+            ValueError: the level has more trains than there can be agents, or does not fit the world.
         """
         if seed is not None:
             self._seed, self._episode = seed, 0
@@ -123,19 +150,21 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
             self._seed = secrets.randbits(SEED_BITS)
         else:
             self._episode += 1
-        self.level = self._drawn(self._seed, options or {})
-        if self.level.n_trains > len(self.possible_agents):
+        level, rules = self._drawn(self._seed, options or {})
+        if level.n_trains > len(self.possible_agents):
             raise ValueError(
-                f"a level with {self.level.n_trains} trains, but an environment for {len(self.possible_agents)}: "
-                "make it for a higher difficulty"
+                f"a level with {level.n_trains} trains, but an environment for {len(self.possible_agents)}: "
+                "make it for levels with more trains"
             )
-        self._world.load(0, self.level)
-        self.agents = self.possible_agents[: self.level.n_trains]
-        return self._observations(self._world.arrived()[0]), self._infos(0.0)
+        played = self._world_of(rules)
+        played.load(0, level, training_malfunction_seed(self._seed, self._episode))
+        self._played, self.level, self._canvas, self._step = played, level, None, 0
+        self._arrived_at = np.full(level.n_trains, NONE, np.int32)
+        self.agents = self.possible_agents[: level.n_trains]
+        self._show()
+        return self._observations(played), self._infos(played, 0.0)
 
-    def step(
-        self, actions: Actions
-    ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
+    def step(self, actions: Actions) -> Outcome:
         """One step of all trains.
 
         Args:
@@ -143,41 +172,72 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
 
         Returns:
             Observations, rewards, terminations, truncations and infos of those that were agents before the step. An
-            arrived train sees nothing: zeros.
+            arrived train sees nothing: zeros. After the last step there are no agents, so all five are empty.
 
         Raises:
-            ResetNeeded: the episode is over, or there was none.
+            ResetNeeded: there was no episode yet, or it is over and there are actions.
             ValueError: an action is none, or that of a train that decides is missing.
         """
-        if not self.agents:
+        played = self._played
+        if played is None or (actions and not self.agents):
             raise ResetNeeded("there is no episode to step: call reset first")
-        rewards = self._world.step(self._given(actions))[0]
-        arrived, over = self._world.arrived()[0], bool(self._world.over()[0])
+        if not self.agents:
+            return {}, {}, {}, {}, {}
+        rewards = played.step(self._given(played, actions))[0]
+        arrived, over = played.arrived()[0], bool(played.over()[0])
+        self._arrived_at[arrived[: len(self._arrived_at)] & (self._arrived_at == NONE)] = self._step
+        self._step += 1
         before = self.agents
-        observations, infos = self._observations(arrived), self._infos(float(rewards.sum()))
         terminated = {agent: bool(arrived[self._numbers[agent]]) for agent in before}
         truncated = {agent: over and not terminated[agent] for agent in before}
-        self.agents = [agent for agent in before if not (terminated[agent] or truncated[agent])]
         given = {agent: float(rewards[self._numbers[agent]]) for agent in before}
+        observations, infos = self._observations(played), self._infos(played, float(rewards.sum()))
+        self.agents = [agent for agent in before if not (terminated[agent] or truncated[agent])]
+        self._show()
         return observations, given, terminated, truncated, infos
 
+    def render(self) -> NDArray[np.uint8] | None:
+        """What is going on: [H, W, 3] if the mode is `rgb_array`, in a window and None if it is `human`.
+
+        In a window every step shows by itself.
+
+        Raises:
+            ResetNeeded: there is no episode.
+        """
+        if self.render_mode is None:
+            logger.warn("there is nothing to render to: make the environment with render_mode rgb_array or human")
+            return None
+        picture = self._picture()
+        if self._window is None:
+            return picture
+        self._window.show(picture)
+        return None
+
     def close(self) -> None:
-        """Nothing is held."""
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
 
-    def _box(self) -> Space[Any]:
-        return Box(-1, 0, (self._world.n_features,), np.float32)
+    def _world_of(self, rules: Rules) -> CompiledWorld:
+        if rules not in self._worlds:
+            self._worlds[rules] = compiled_world(self.world, rules, len(self.possible_agents))
+        return self._worlds[rules]
 
-    def _drawn(self, seed: int, options: dict[str, Any]) -> Level:
+    def _drawn(self, seed: int, options: dict[str, Any]) -> tuple[Level, Rules]:
         level = options.get("level")
         if isinstance(level, Level):
-            return level
-        difficulty = _known(options.get("difficulty", self.difficulty))
-        return self._levels.training(difficulty, training_level_seed(seed, self._episode))
+            known = {self.world.levels[name].rules for name in self._setting.mix}
+            both: Rules = "legacy" if level.schedule is None else "stock"
+            return level, both if len(known) > 1 else known.pop()
+        asked = options.get("levels", options.get("difficulty"))
+        mix = self._setting.mix if asked is None else self._setting.only(asked).mix
+        name = training_distribution(mix, seed, self._episode)
+        return self._levels.training(name, training_level_seed(seed, self._episode)), self.world.levels[name].rules
 
-    def _given(self, actions: Actions) -> NDArray[np.int8]:
+    def _given(self, played: CompiledWorld, actions: Actions) -> NDArray[np.int8]:
         """[1, N]: the actions of all trains."""
         given = np.full((1, len(self.possible_agents)), MOVE_FORWARD, np.int8)
-        deciding = self._world.deciding()[0]
+        deciding = played.deciding()[0]
         for agent in self.agents:
             train = self._numbers[agent]
             action = actions.get(agent)
@@ -190,23 +250,57 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
                 given[0, train] = action
         return given
 
-    def _observations(self, arrived: NDArray[np.bool_]) -> dict[str, Observation]:
-        return {
-            agent: np.zeros(self._world.n_features, np.float32) if arrived[train] else self._world.observe(0, train)
-            for agent, train in ((agent, self._numbers[agent]) for agent in self.agents)
-        }
+    def _observations(self, played: CompiledWorld) -> dict[str, Observation]:
+        """What all agents see, in one call."""
+        arrived = played.arrived()[0]
+        seeing = [agent for agent in self.agents if not arrived[self._numbers[agent]]]
+        asking = np.zeros((1, played.max_trains), np.bool_)
+        asking[0, [self._numbers[agent] for agent in seeing]] = True
+        vectors = np.empty((len(seeing), played.n_features), np.float32)
+        parts = played.parts()
+        look(parts.batch, parts.sight, parts.observation, asking, vectors)
+        seen = dict(zip(seeing, vectors, strict=True))
+        return {agent: seen.get(agent, np.zeros(played.n_features, np.float32)) for agent in self.agents}
 
-    def _infos(self, team_reward: float) -> Infos:
-        deciding = self._world.deciding()[0]
+    def _infos(self, played: CompiledWorld, team_reward: float) -> Infos:
+        deciding = played.deciding()[0]
+        common = {"team_reward": team_reward, **self._results(played)}
         infos: Infos = {}
         for agent in self.agents:
             decides = bool(deciding[self._numbers[agent]])
-            mask = ALL_ACTIONS if decides else FORWARD_ONLY
-            infos[agent] = {"deciding": decides, "action_mask": mask, "team_reward": team_reward}
+            infos[agent] = {"deciding": decides, "action_mask": ALL_ACTIONS if decides else FORWARD_ONLY, **common}
         return infos
 
+    def _results(self, played: CompiledWorld) -> dict[str, float]:
+        """What is reported of an episode that is over."""
+        if self.level is None or not played.over()[0]:
+            return {}
+        score = played.score(0)
+        results = {"normalised_return": normalised_return(self._arrived_at, self._step, self.level.max_steps)}
+        return results if np.isnan(score) else results | {"score": score}
 
-def _known(difficulty: Any) -> str:
-    if difficulty not in list(shipped()):
-        raise ValueError(f"unknown difficulty {difficulty}{nearest(str(difficulty), list(list(shipped())))}")
-    return difficulty  # type: ignore[no-any-return]
+    def _show(self) -> None:
+        if self._window is not None:
+            self._window.show(self._picture())
+
+    def _picture(self) -> NDArray[np.uint8]:
+        from adapters.pictures import Canvas, trains_of  # noqa: PLC0415  (who trains draws nothing)
+
+        if self.level is None or self._played is None:
+            raise ResetNeeded("there is no episode to render: call reset first")
+        if self._canvas is None:
+            self._canvas = Canvas(self.level)
+        picture: NDArray[np.uint8] = self._canvas.picture(trains_of(self._played))
+        return picture
+
+
+def _render_mode(mode: str | None) -> str | None:
+    if mode is not None and mode not in RENDER_MODES:
+        raise ConfigError(f"unknown render_mode {mode!r}{nearest(mode, RENDER_MODES)}")
+    return mode
+
+
+def _window(metadata: Mapping[str, Any]) -> Any:
+    from adapters.windows import Window  # noqa: PLC0415  (matplotlib takes a second)
+
+    return Window("railctl", metadata["render_fps"])

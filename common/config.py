@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field, SerializeAsAny, ValidationError, model_va
 from common.levels.distributions import ANY, LevelName
 from common.rules import rules, settings_of
 from common.rules.settings import Mode, RuleSettings
-from common.strict import ConfigError, Positive, Share, Strict, describe, nearest, section_of
+from common.strict import ConfigError, Positive, Share, Strict, describe, nearest, section_of, shortened
 from common.world import WorldSpec, chosen_levels
 
 MAX_ACTORS = 256  # of one level
@@ -125,11 +125,12 @@ def parse_config(data: Mapping[str, Any]) -> RunConfig:
             raise ConfigError(f"{key}: keys should be strings, not {key!r}")
     if "rule" not in data:
         raise ConfigError("rule is missing: give it a value")
-    if not isinstance(mix := data.get("mix"), dict):
-        raise ConfigError(
-            f"mix: input should be a valid dictionary, not {mix!r}" if mix else "mix is missing: give it a value"
-        )
-    data.setdefault("levels", chosen_levels(mix, {}))
+    if (mix := data.get("mix")) is None:
+        raise ConfigError("mix is missing: give it a value")
+    if not isinstance(mix, dict):
+        raise ConfigError(f"mix: input should be a valid dictionary, not {shortened(mix)}")
+    if "levels" not in data:
+        data["levels"] = chosen_levels(mix, {})
     homes = {key: home_of(key, data["rule"]) for key in data}
     for key, home in homes.items():
         if home is None:
@@ -173,13 +174,13 @@ def upgraded(data: Mapping[str, Any]) -> Plain:
 
     Those had a key for every section of every rule, null where a rule had no use for it.
     """
-    if "levels" in data or not data.keys() >= _ONCE:
+    if "levels" in data or not data.keys() >= {"rule", *_ONCE}:
         return dict(data)
     model = settings_of(data["rule"])
     return {
         key: _known_part(model, key, value)
         for key, value in data.items()
-        if value is not None and (key not in _ONCE or key in model.model_fields)
+        if key not in _ONCE or key in model.model_fields
     }
 
 

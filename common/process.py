@@ -1,4 +1,4 @@
-"""What every process of a run shares: clean ends, a log, heartbeats, and its place among the others."""
+"""What every process of a run shares: clean ends, a log, heartbeats, and a name that it has alone."""
 
 import errno
 import logging
@@ -74,7 +74,7 @@ class HeartbeatPublisher:
 
 @dataclass(frozen=True)
 class ServiceContext:
-    """A process's place in its run."""
+    """What a process of a run works with."""
 
     folder: RunFolder
     config: RunConfig

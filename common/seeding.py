@@ -6,6 +6,7 @@ it, so what an episode does never depends on who else acts, in which order, or i
 """
 
 import hashlib
+from collections.abc import Mapping
 
 GAMMA = 0x9E3779B97F4A7C15
 MASK_64 = (1 << 64) - 1
@@ -30,6 +31,17 @@ def bits(key: int, counter: int) -> int:
 def uniform(key: int, counter: int) -> float:
     """Draw `counter` of stream `key` as a float64 in [0, 1)."""
     return (bits(key, counter) >> 11) * 2.0**-53
+
+
+def training_distribution(mix: Mapping[str, float], run_seed: int, episode: int) -> str:
+    """The level distribution of a training episode, drawn with the shares of a mix."""
+    if len(mix) > 1:
+        draw = uniform(stream_key(run_seed, 0, "difficulty"), episode)
+        for name in sorted(mix):
+            draw -= mix[name]
+            if draw < 0:
+                return name
+    return max(mix)
 
 
 def training_level_seed(run_seed: int, episode: int) -> int:

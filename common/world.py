@@ -3,6 +3,7 @@
 Level supply, engines and learner all get it from here. A checkpoint carries it.
 """
 
+from collections.abc import Collection
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator
@@ -12,7 +13,7 @@ from common.rail.observations.table import AnyObservation
 from common.rail.observations.tree import TreeObservation
 from common.rail.rewards.study import StudyReward
 from common.rail.rewards.table import AnyReward
-from common.strict import ConfigError, Strict, nearest
+from common.strict import ConfigError, Strict, nearest, shortened
 
 Decisions = Literal["cells", "legacy", "always"]  # see `common.rail.compiled.decisions`
 
@@ -49,14 +50,16 @@ def study_world() -> WorldSpec:
     return WorldSpec(levels=dict(shipped()))
 
 
-def chosen_levels(names: Any, own: Any) -> dict[str, Any]:
+def chosen_levels(names: Collection[Any], own: Any) -> dict[str, Any]:
     """The distributions of these names, out of a run file's own and those that ship.
 
     Raises:
-        ConfigError: there is none of a name, or the run file's are none.
+        ConfigError: there are no names, there is no distribution of a name, or the run file's are none.
     """
+    if not names:
+        raise ConfigError("mix names no levels: write for example mix: {easy: 1}")
     if not isinstance(own, dict):
-        raise ConfigError(f"levels: input should be a valid dictionary, not {own!r}")
+        raise ConfigError(f"levels: input should be a valid dictionary, not {shortened(own)}")
     ours = {name: levels.model_dump(mode="json") for name, levels in shipped().items()}
     for name in ours.keys() & own.keys():
         if own[name] != ours[name]:

@@ -35,7 +35,8 @@ START_TIMEOUT_S = 10.0
 
 def fresh_name(config: RunConfig) -> str:
     """A name for a run that was given none."""
-    stem = f"{config.algorithm}-{'-'.join(config.mix)}-seed{config.seed}-{datetime.now():%Y%m%d-%H%M%S}"  # noqa: DTZ005  (the user's clock)
+    levels = "-".join(config.mix)[:40]  # a mix may have many
+    stem = f"{config.algorithm}-{levels}-seed{config.seed}-{datetime.now():%Y%m%d-%H%M%S}"  # noqa: DTZ005  (the user's clock)
     name, number = stem, 2
     while (runs_root() / name).exists():
         name, number = f"{stem}-{number}", number + 1
@@ -54,12 +55,9 @@ def new_run(
         own: what its level files hold, by the name of the distribution.
 
     Raises:
-        ConfigError: the name is not one.
-        Failed: this machine cannot run it.
+        ConfigError, Failed: as `check_new`, or the folder cannot be made.
     """
-    if not NAME_FORM.fullmatch(name):
-        raise ConfigError(f"--name {name!r}: use letters, digits, '.', '_', '+' and '-', at most 100")
-    check_machine(config)
+    check_new(name, config)
     path = (root or runs_root()) / name
     temporary = path.with_name(f".{name}.{os.getpid()}")
     try:
@@ -75,6 +73,18 @@ def new_run(
             f"cannot create {path}: {error.strerror}: set RAILCTL_RUNS to a folder that you may write"
         ) from None
     return RunFolder(path)
+
+
+def check_new(name: str, config: RunConfig) -> None:
+    """See that a run can begin before anything is started or changed.
+
+    Raises:
+        ConfigError: the name is not one.
+        Failed: this machine cannot run it.
+    """
+    if not NAME_FORM.fullmatch(name):
+        raise ConfigError(f"--name {name!r}: use letters, digits, '.', '_', '+' and '-', at most 100")
+    check_machine(config)
 
 
 def check_existing(folder: RunFolder, config: RunConfig) -> None:

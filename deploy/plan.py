@@ -23,7 +23,7 @@ class ProcessSpec:
 
     name: str
     role: Role
-    serves: str | None = None  # actors: their difficulty, or any
+    serves: str | None = None  # actors: the levels of which name, or any
 
     def command(self, run: Path) -> list[str]:
         command = run_module(f"services.{self.role}", "--run", str(run))

@@ -1,5 +1,6 @@
 """From what the user says to a checked configuration: preset, then file, then options, then `--set`."""
 
+import re
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -9,13 +10,14 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from common.config import MAX_ACTORS, RunConfig, home_of, parse_config, upgraded
-from common.levels.distributions import shipped
+from common.levels.distributions import LEVEL_PATTERN, shipped
 from common.levels.own import with_files_read
 from common.rules import settings_of
 from common.strict import ConfigError, describe, flat, nearest, section_of, shortened
 from common.world import WorldSpec, chosen_levels
 
 Plain = dict[str, Any]
+LEVEL_FORM = re.compile(LEVEL_PATTERN)
 EVALUATION_LEVELS = 50  # unless fewer are kept from training
 
 
@@ -56,7 +58,9 @@ def resolve(given: Plain, base: Path = Path()) -> RunConfig:
     given = spelled_out(given, rule)
     check_sections(given, rule)
     mix = given.setdefault("mix", {"easy": 1.0})
-    world = world_of({"levels": chosen_levels(mix, given.get("levels", {}))}, base)
+    chosen = chosen_levels(mix, given.get("levels", {}))
+    check_levels(given.get("levels", {}))
+    world = world_of({"levels": chosen}, base)
     learning = merge(preset, by_level[_most_alike(world, list(by_level))])
     defaults = {
         "algorithm": algorithm,
@@ -85,11 +89,21 @@ def world_of(data: Plain, base: Path) -> WorldSpec:
     Raises:
         ConfigError: something in it is wrong, or a file cannot be read.
     """
+    world = _checked_world(data)
+    return world.model_copy(update={"levels": with_files_read(world.levels, base)})
+
+
+def _checked_world(data: Plain) -> WorldSpec:
     try:
-        world = WorldSpec.model_validate(data)
+        return WorldSpec.model_validate(data)
     except ValidationError as error:
         raise ConfigError(describe(error, WorldSpec)) from None
-    return world.model_copy(update={"levels": with_files_read(world.levels, base)})
+
+
+def check_levels(own: Plain) -> None:
+    """Raises ConfigError if a run file's own levels are wrong, also those that its mix leaves out."""
+    if own:
+        _checked_world({"levels": own})
 
 
 def resolve_existing(saved: RunConfig, given: Plain, name: str, base: Path = Path()) -> RunConfig:
@@ -100,23 +114,37 @@ def resolve_existing(saved: RunConfig, given: Plain, name: str, base: Path = Pat
     """
     given = spelled_out(upgraded(given), saved.rule)
     check_sections(given, saved.rule)
-    if given.get("mix", saved.mix) != saved.mix:  # before its actors, which would be missed
-        raise _another_run(name, _told(saved.mix), _told(given["mix"]))
+    _check_kinds(saved, given, name)
+    kept = saved.plain()
     if "levels" in given:
         own = {level: spec for level, spec in given["levels"].items() if level in saved.mix}
         given["levels"] = world_of({"levels": own}, base).model_dump(mode="json")["levels"] if own else {}
-    merged = merge(saved.plain(), given)
-    merged["levels"] = saved.plain()["levels"] | given.get("levels", {})
+    merged = merge(kept, given)
+    merged["levels"] = kept["levels"] | given.get("levels", {})
     if "actors" in given.get("cluster", {}):
         merged["cluster"]["actors"] = given["cluster"]["actors"]
     if merged.get("lag") != saved.lag:  # so that what is wrong is the lag
         raise _another_run(name, f"lag {saved.lag}", str(merged.get("lag")))
     config = parse_config(merged)
-    for field, before in flat(saved.science).items():
-        now = flat(config.science).get(field)
-        if now != before:
-            raise _another_run(name, f"{field} {before}", str(now))
+    before, now = flat(saved.science), flat(config.science)
+    for field in dict.fromkeys([*before, *now]):
+        if before.get(field) != now.get(field):
+            raise _another_run(name, f"{field} {before.get(field)}", str(now.get(field)))
     return config
+
+
+def _check_kinds(saved: RunConfig, given: Plain, name: str) -> None:
+    """Refuse what decides which other keys there can be, before they are found missing or too many."""
+    for key, before in (("algorithm", saved.algorithm), ("rule", saved.rule)):
+        if given.get(key, before) != before:
+            raise _another_run(name, f"{key} {before}", str(given[key]))
+    if given.get("mix", saved.mix) != saved.mix:
+        raise _another_run(name, _told(saved.mix), _told(given["mix"]))
+    for key, section in saved.plain().items():
+        kind = section.get("kind") if isinstance(section, dict) else None
+        now = given.get(key, {}).get("kind", kind) if kind is not None else None
+        if now != kind:
+            raise _another_run(name, f"{key}.kind {kind}", str(now))
 
 
 def _another_run(name: str, before: str, now: str) -> ConfigError:
@@ -222,6 +250,8 @@ def parse_actors(text: str) -> dict[str, int]:
         level, separator, count = part.strip().partition("=")
         if not separator or not level or not (count.isascii() and count.isdigit()):
             raise ConfigError(f"actors {part!r} is not level=count: write for example easy=2,hard=1")
+        if LEVEL_FORM.fullmatch(level) is None:
+            raise ConfigError(f"actors {part!r}: a level's name has letters, digits, '.', '_' and '-', at most 40")
         if level in counts:
             raise ConfigError(f"actors {part!r}: {level} is there twice, leave one out")
         if len(count) > 3 or int(count) > MAX_ACTORS:
@@ -230,8 +260,8 @@ def parse_actors(text: str) -> dict[str, int]:
     return counts
 
 
-def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Plain:
-    """`above` laid over `below`, mapping by mapping.
+def merge(below: Mapping[str, Any], above: Mapping[str, Any], path: str = "") -> Plain:
+    """`above` laid over `below`, mapping by mapping; both lie at `path`, as an error names it.
 
     Raises:
         ConfigError: a mapping would cover something that is none.
@@ -239,7 +269,11 @@ def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Plain:
     result = dict(below)
     for key, value in above.items():
         under = result.get(key)
-        if isinstance(value, dict) and under is not None and not isinstance(under, dict):
-            raise ConfigError(f"{key}: input should be a valid dictionary, not {shortened(under)}")
-        result[key] = merge(under, value) if isinstance(under, dict) and isinstance(value, dict) else value
+        if not isinstance(value, dict) or under is None:
+            result[key] = value
+        elif isinstance(under, dict):
+            result[key] = merge(under, value, f"{path}{key}.")
+        else:
+            both = f"{shortened(under, 30)} and {shortened(value, 30)}"
+            raise ConfigError(f"{path}{key}: cannot be both {both}: give one of them")
     return result

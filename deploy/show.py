@@ -7,7 +7,7 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.panel import Panel
 from rich.progress_bar import ProgressBar
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from common.records.control import Status
@@ -74,9 +74,18 @@ def progress_line(status: Status) -> str:
     )
 
 
+def named_table(*headings: str) -> Table:
+    """A table without lines that cuts no name short: what is too long for its column goes on in the next line."""
+    return Table(*_whole(headings), box=None, pad_edge=False)
+
+
+def _whole(headings: Sequence[str]) -> list[Column]:
+    return [Column(heading, overflow="fold", min_width=len(heading)) for heading in headings]
+
+
 def process_table(status: Status) -> Table:
     """Who is alive, and since when silent."""
-    table = Table("process", "serves", "pid", "state", "restarts", "last heartbeat", box=None, pad_edge=False)
+    table = named_table("process", "serves", "pid", "state", "restarts", "last heartbeat")
     for process in status.processes:
         beat = process.last_heartbeat_unix_s
         table.add_row(
@@ -95,7 +104,7 @@ def evaluation_table(rows: Sequence[EvaluationRow]) -> Table:
     scored = scored_column(rows)
     has_scores = any(row.score is not None for row in rows)
     headings = ("checkpoint", "level", scored, "trains arrived", "all arrived", "steps")
-    table = Table(*headings, *([SCORE] * has_scores), box=None, pad_edge=False)
+    table = named_table(*headings, *([SCORE] * has_scores))
     for row in rows:
         table.add_row(
             str(row.episode),
@@ -116,7 +125,7 @@ def scored_column(rows: Sequence[EvaluationRow]) -> str:
 
 def score_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """What `services.evaluator.score` found: a row a group of levels."""
-    table = Table("level", box=None, pad_edge=False)
+    table = named_table("level")
     has_scores = any(row["score"] is not None for row in rows)
     headings = ("levels", "return", "low", "high", "median", "std", "trains\narrived", "all\narrived", "steps")
     for name in (*headings, *(["flatland\nscore"] * has_scores)):
@@ -141,7 +150,8 @@ def score_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 def summary(episodes: Sequence[EpisodeRow], evaluations: Sequence[EvaluationRow]) -> Table:
     """A whole run: blocks of episodes beside the evaluation at their end."""
     scored = scored_column(evaluations)
-    table = Table("episodes", "training return", "trains arrived", "steps", scored, "all arrived", title="Summary")
+    headings = ("episodes", "training return", "trains arrived", "steps", scored, "all arrived")
+    table = Table(*_whole(headings), title="Summary")
     size = max(1, -(-len(episodes) // BLOCKS))
     mixed = len({row.level for row in evaluations}) > 1
     for first in range(0, len(episodes), size):

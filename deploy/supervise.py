@@ -79,13 +79,13 @@ class Runner:
             while self._quit is None:
                 if stopping.asked:
                     stopping.asked = False
-                    self._tell(StopAsked("stopped"))
+                    self._handle(StopAsked("stopped"))
                 self._connect(stack)
                 self._inbox.take(TICK_S)
                 self._look_for_exits()
                 if run_is_complete(self._config, self._beats):
-                    self._tell(StopAsked("finished"))
-                self._tell(Tick(connected=self._bus is not None and self._bus.connected()))
+                    self._handle(StopAsked("finished"))
+                self._handle(Tick(connected=self._bus is not None and self._bus.connected()))
             return self._quit
 
     def _connect(self, stack: ExitStack) -> None:
@@ -116,17 +116,17 @@ class Runner:
             if code == EXIT_RUNS_ALREADY and (pid := holder(self._folder, name)) is not None:
                 self._adopt(name, pid)  # an earlier supervisor's, which had not taken its place yet
             else:
-                self._tell(Exited(name, code, last_words(self._folder, name, self._log_starts.get(name, 0))))
+                self._handle(Exited(name, code, last_words(self._folder, name, self._log_starts.get(name, 0))))
 
     def _adopt(self, name: str, pid: int) -> None:
         log.info("takes over %s, process %d", name, pid)
         self._pids[name] = pid
-        self._tell(Adopted(name))
+        self._handle(Adopted(name))
 
     def _on_beat(self, beat: Heartbeat) -> None:
         self._beats[beat.process] = (beat, time.time())
         if beat.state != STARTING:
-            self._tell(Beat(beat.process))
+            self._handle(Beat(beat.process))
 
     def _on_status(self, question: Question[Empty, Status]) -> None:
         question.answer(self.status())
@@ -134,25 +134,25 @@ class Runner:
     def _on_scale(self, question: Question[ScaleRequest, CommandAnswer]) -> None:
         wrong = [name for name in question.request.actors if name != "any" and name not in self._config.mix]
         if wrong:
-            text = f"this run has no difficulty {wrong[0]}: it has {', '.join(self._config.mix)}"
+            text = f"this run has no level {wrong[0]}: it has {', '.join(self._config.mix)}"
             question.answer(CommandAnswer(done=False, text=text))
             return
         self._cluster["actors"] |= question.request.actors
         write_atomically(self._folder.cluster_file, json.dumps(self._cluster, indent=2))
-        self._tell(Wanted(tuple(actors(self._cluster["actors"]))))
+        self._handle(Wanted(tuple(actors(self._cluster["actors"]))))
         counts = " ".join(f"{name}={count}" for name, count in self._cluster["actors"].items())
         question.answer(CommandAnswer(done=True, text=f"actors are now {counts}"))
 
     def _on_stop(self, question: Question[Empty, CommandAnswer]) -> None:
         again = self._mind.stopping is not None
-        self._tell(StopAsked("stopped"))
+        self._handle(StopAsked("stopped"))
         question.answer(CommandAnswer(done=True, text="ends at once" if again else "stops"))
 
     def status(self) -> Status:
         """The run and its processes as of now."""
         return overview(self._folder, self._config, self._mind, self._pids, self._beats)
 
-    def _tell(self, event: Event) -> None:
+    def _handle(self, event: Event) -> None:
         for order in self._mind.on(event, time.monotonic()):
             match order:
                 case Launch():

@@ -1,7 +1,7 @@
 """Reading results from disk: those of a study's folder, or of any runs."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -113,19 +113,19 @@ def load_runs(paths: Sequence[Path]) -> Results:
         configs[path], _bare, found[path] = _read_run(path, None)
         if not found[path]:
             raise ConfigError(f"run {path} has no trained episodes yet: leave it out")
-    names = contenders(configs)
+    names, labels = contenders(configs), level_labels(configs)
     runs: dict[PlannedRun, Trained] = {}
     whose: dict[PlannedRun, Path] = {}
     for path, levels in found.items():
         for level, trained in levels.items():
-            run = PlannedRun(names[path], level, configs[path].seed)
+            run = PlannedRun(names[path], labels[path, level], configs[path].seed)
             if run in runs:
                 raise ConfigError(
                     f"runs {whose[run]} and {path} are both {run.contender} on {level} with seed {run.seed}: "
                     "leave one of them out"
                 )
             runs[run], whose[run] = trained, path
-    trains = {name: levels.bounds.trains for config in configs.values() for name, levels in config.world.levels.items()}
+    trains = {label: configs[path].world.levels[level].bounds.trains for (path, level), label in labels.items()}
     return _of_runs(list(found), runs, sorted(trains, key=lambda name: (trains[name], name)))
 
 
@@ -147,18 +147,39 @@ def _of_runs(paths: Sequence[Path], runs: dict[PlannedRun, Trained], levels: Seq
 
 def contenders(configs: dict[Path, RunConfig]) -> dict[Path, str]:
     """A name for each run: its algorithm, and the settings in which runs of it on one level differ."""
-    flattened = {path: flat(config.science) for path, config in configs.items()}
+    flattened = {path: flat(config.science | {"levels": {}}) for path, config in configs.items()}
     names = {}
     for path, config in configs.items():
         alike = [other for other in configs if configs[other].algorithm == config.algorithm]
         differing: dict[str, None] = {}
         for level in config.mix:
             peers = [flattened[other] for other in alike if level in configs[other].mix]
-            keys = dict.fromkeys(key for peer in peers for key in peer if key != "seed")
-            differing |= {key: None for key in keys if len({repr(peer.get(key)) for peer in peers}) > 1}
+            differing |= dict.fromkeys(key for key in _differing(peers) if key != "seed")
         settings = [f"{key}={_spoken(flattened[path].get(key))}" for key in differing]
         names[path] = " ".join([config.algorithm, *settings])
     return names
+
+
+def level_labels(configs: Mapping[Path, RunConfig]) -> dict[tuple[Path, str], str]:
+    """A name for the levels of each run: that of the run file, and the settings in which levels of one name differ."""
+    plain = {
+        (path, name): flat(levels.model_dump(mode="json", exclude={"found"})) | {"digest": levels.identity}
+        for path, config in configs.items()
+        for name, levels in config.world.levels.items()
+    }
+    labels = {}
+    for (path, name), ours in plain.items():
+        differing = _differing([peer for (_, other), peer in plain.items() if other == name])
+        told = [key for key in differing if key != "digest"] or differing  # of files alike, what is in them
+        settings = [f"{key}={_spoken(ours.get(key))}" for key in told] if "digest" in differing else []
+        labels[path, name] = " ".join([name, *settings])
+    return labels
+
+
+def _differing(peers: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The keys whose values are not the same everywhere."""
+    keys = dict.fromkeys(key for peer in peers for key in peer)
+    return [key for key in keys if len({repr(peer.get(key)) for peer in peers}) > 1]
 
 
 def _spoken(value: Any) -> str:

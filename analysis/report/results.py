@@ -18,7 +18,7 @@ State = Literal["done", "unfinished", "failed", "missing"]
 
 
 class Scored(NamedTuple):
-    """A network, or a reference policy, scored on the levels of one difficulty."""
+    """A network, or a reference policy, scored on levels of one distribution."""
 
     levels: int
     mean: float

@@ -18,10 +18,12 @@ ANY = "any"  # what an actor serves that serves all; no name of levels
 MOST_TRAINS = 1000
 LARGEST_SIDE = 200
 
-LevelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$")]
+LEVEL_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$"
+LevelName = Annotated[str, Field(pattern=LEVEL_PATTERN)]
 Rules = Literal["legacy", "stock"]
 Side = Annotated[int, Field(ge=6, le=LARGEST_SIDE)]
 Speed = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
+Patterns = Annotated[tuple[str, ...], Field(min_length=1)]
 
 
 class Bounds(NamedTuple):
@@ -104,8 +106,8 @@ class LevelFiles(Strict):
     Whoever starts a run reads the files and fills in what they hold (`found`); the run keeps a copy of them.
     """
 
-    files: tuple[str, ...]  # paths, or patterns as levels/*.pkl
-    evaluation: Annotated[float, Field(gt=0, lt=1)] | tuple[str, ...] = 0.2  # a share of them, or files of their own
+    files: Patterns  # paths, or patterns as levels/*.pkl
+    evaluation: Annotated[float, Field(gt=0, lt=1)] | Patterns = 0.2  # a share of them, or files of their own
     rules: Rules = "stock"
     found: "FoundLevels | None" = None
 

@@ -179,7 +179,7 @@ def _read_all(name: str, key: str, patterns: Iterable[str], base: Path) -> tuple
     for pattern in patterns:
         paths = sorted(base.glob(pattern)) if not Path(pattern).is_absolute() else _absolute(pattern)
         if not paths:
-            raise ConfigError(f"levels.{name}.{key} {pattern}: no such file: relative paths start from {base}")
+            raise ConfigError(f"levels.{name}.{key} {pattern}: no such file in {base.resolve()}, where paths start")
         for path in paths:
             try:
                 found = read(path)

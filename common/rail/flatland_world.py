@@ -48,6 +48,7 @@ class FlatlandEpisode:
     def __init__(self, level: Level, settings: Settings = STUDY, malfunction_seed: int = 0) -> None:
         orders_of(level, legacy=settings.rules == "legacy")
         self._settings = settings
+        self._pays_by_mirror = settings.reward.kind not in ("study", "delay")
         study = settings.rules == "legacy" and settings.reward.kind != "delay"
         rewards: Any = StudyRewards if study else DefaultRewards
         self._env: Any = LevelEnv(level, settings.rules, rewards, malfunction_seed)
@@ -69,7 +70,7 @@ class FlatlandEpisode:
         told = settings.observation, settings.rules, settings.bounds
         sight = sight_of(*told, self._env, level)
         self._mirror: Mirror | None = None
-        if sight is None or settings.reward.kind == "shaped":
+        if sight is None or self._pays_by_mirror:
             self._mirror = Mirror(self._env, level, *told, settings.reward)
         self._sight: Any = self._mirror if sight is None else sight
         self._look()
@@ -83,13 +84,12 @@ class FlatlandEpisode:
         self.over = self._env.dones["__all__"]
         self._look()
         paid = [self._env.rewards_dict[train] for train in range(self.level.n_trains)]
-        kind, is_legacy = self._settings.reward.kind, self._actions is not None
-        if not is_legacy:
+        if self._actions is None:
             self._delays += np.array(paid, np.float64)
-        if kind == "shaped" and self._mirror is not None:
+        if self._pays_by_mirror and self._mirror is not None:
             rewards: list[float] = self._mirror.rewards().tolist()
             return rewards
-        return self._study_rewards() if kind == "study" and not is_legacy else paid
+        return self._study_rewards() if self._settings.reward.kind == "study" else paid
 
     def _look(self) -> None:
         if self._mirror is not None and self._mirror is not self._sight:
@@ -110,21 +110,10 @@ class FlatlandEpisode:
     def deciding(self) -> list[bool]:
         """Trains that may depart, and those on the map that the rule of decisions names, if not committed."""
         committed = self.committed()
-        return [self._decides(agent, committed[train]) for train, agent in enumerate(self._agents)]
-
-    def _decides(self, agent: Any, committed: bool) -> bool:
-        here = agent.current_configuration
-        if here is None:
-            return bool(agent.state == TrainState.READY_TO_DEPART)
-        if committed:
-            return False
-        if self._settings.decisions == "legacy":
-            return True
-        if not agent.speed_counter.is_cell_exit(agent.speed_counter.max_speed):
-            return False
-        (row, column), heading = here
-        may = self._cells[row, column, heading] and not agent.malfunction_handler.in_malfunction
-        return self._settings.decisions == "always" or bool(may)
+        return [
+            not committed[train] and decides(agent, self._settings.decisions, self._cells)
+            for train, agent in enumerate(self._agents)
+        ]
 
     def arrived(self) -> list[bool]:
         return [agent.state == TrainState.DONE for agent in self._agents]
@@ -152,6 +141,20 @@ class FlatlandEpisode:
         if not isinstance(self._sight, LegacyTrees):
             raise TypeError("raw trees are those of 2.2.2")
         return self._sight.tree(train)
+
+
+def decides(agent: Any, decisions: Decisions, cells: NDArray[np.bool_]) -> bool:
+    """Whether one of the library's trains decides that is not committed; `cells` are those of `decision_cells`."""
+    here = agent.current_configuration
+    if here is None:
+        return bool(agent.state == TrainState.READY_TO_DEPART)
+    if decisions == "legacy":
+        return True
+    if not agent.speed_counter.is_cell_exit(agent.speed_counter.max_speed):
+        return False
+    (row, column), heading = here
+    may = cells[row, column, heading] and not agent.malfunction_handler.in_malfunction
+    return decisions == "always" or bool(may)
 
 
 class FlatlandWorld:

@@ -49,11 +49,12 @@ def level_of(env: RailEnv, *, with_schedule: bool = True) -> Level:
         starts=np.array(starts, np.int32),
         targets=np.array([next(iter(cells)) for cells in targets], np.int32),
         max_steps=int(max_steps),
-        schedule=_schedule_of(env) if with_schedule else None,
+        schedule=schedule_of(env, _malfunctions_of(env)) if with_schedule else None,
     )
 
 
-def _schedule_of(env: RailEnv) -> Schedule:
+def schedule_of(env: RailEnv, malfunctions: Malfunctions | None) -> Schedule:
+    """How the trains of an environment run, with these malfunctions."""
     agents: Any = env.agents
     speeds = [agent.speed_counter.max_speed for agent in agents]
     headings = [{int(heading) for _, heading in agent.targets} for agent in agents]
@@ -62,7 +63,7 @@ def _schedule_of(env: RailEnv) -> Schedule:
         earliest_departures=np.array([agent.earliest_departure for agent in agents], np.int32),
         latest_arrivals=np.array([agent.latest_arrival for agent in agents], np.int32),
         target_headings=np.array([sum(1 << heading for heading in some) for some in headings], np.int32),
-        malfunctions=_malfunctions_of(env),
+        malfunctions=malfunctions,
     )
 
 

@@ -11,7 +11,7 @@ from common.levels.distributions import Bounds, Rules
 from common.levels.level import Level
 from common.rail.compiled.arrays import IS_OCCUPIED, NOTHING, NOWHERE
 from common.rail.compiled.world import CompiledWorld
-from common.rail.observations.table import AnyObservation, look
+from common.rail.observations.table import AnyObservation, header_of, look
 from common.rail.rewards.table import AnyReward, pay
 
 
@@ -28,8 +28,9 @@ class Mirror:
         reward: AnyReward,
     ) -> None:
         self._env: Any = env
-        told: Any = {"rules": rules, "observation": observation, "reward": reward, "bounds": bounds}
-        self._world = CompiledWorld(1, level.n_trains, **told)
+        self._observation = header_of(observation, rules, bounds)
+        self._n_features = observation.n_features(bounds)
+        self._world = CompiledWorld(1, level.n_trains, rules=rules, reward=reward)
         self._world.load(0, level)
         cells = self._world.batch.cells[0, : self._world.batch.worlds[0]["cells"]]
         places = zip(cells["row"].tolist(), cells["column"].tolist(), strict=True)
@@ -60,8 +61,8 @@ class Mirror:
         parts = self._world.parts()
         asking = np.zeros_like(parts.deciding)
         asking[0, train] = True
-        vectors = np.empty((1, self._world.n_features), np.float32)
-        look(parts.batch, parts.sight, parts.observation, asking, vectors)
+        vectors = np.empty((1, self._n_features), np.float32)
+        look(parts.batch, parts.sight, self._observation, asking, vectors)
         vector: NDArray[np.float32] = vectors[0]
         return vector
 

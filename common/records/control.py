@@ -26,7 +26,7 @@ class ScaleRequest(Record):
 
 
 class CommandAnswer(Record):
-    """Whether a command was carried out, and what there is to say about it."""
+    """Whether a command was carried out, and a line for the user."""
 
     done: bool
     text: Text

@@ -4,8 +4,8 @@ Actors and evaluators need to know it too: which network acts, and how it explor
 """
 
 import importlib
+import pkgutil
 from functools import cache
-from pathlib import Path
 from typing import cast
 
 from common.rules.settings import RuleSettings
@@ -17,7 +17,7 @@ _SHARED = ("settings", "replay", "values", "policies")  # what several rules are
 @cache
 def rules() -> tuple[str, ...]:
     """The names of all update rules."""
-    names = sorted(path.stem for path in Path(__file__).parent.glob("[a-z]*.py"))
+    names = sorted(module.name for module in pkgutil.iter_modules(__path__))
     return tuple(name for name in names if name not in _SHARED)
 
 

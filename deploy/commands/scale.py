@@ -20,7 +20,7 @@ def scale(
     counts: Annotated[list[str], typer.Argument(metavar="LEVEL=COUNT", help="For example easy=3 hard=1.")],
     as_json: AsJson = False,
 ) -> None:
-    """Change how many actors serve each difficulty; those not named stay as they are."""
+    """Change how many actors serve each level; those not named stay as they are."""
     text = scale_to(find_run(run), parse_actors(",".join(counts)))
     say(text, {"done": True, "text": text}, as_json=as_json)
 
@@ -33,7 +33,7 @@ def scale_to(folder: RunFolder, counts: dict[str, int]) -> str:
         NoAnswer: it is not there.
     """
     with reach(folder) as bus:
-        answer = bus.ask(keys.SCALE, ScaleRequest.model_validate({"actors": counts}), TIMEOUT_S)
+        answer = bus.ask(keys.SCALE, ScaleRequest(actors=counts), TIMEOUT_S)
     if not answer.done:
         raise Failed(answer.text)
     return answer.text

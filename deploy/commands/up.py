@@ -13,9 +13,9 @@ from common.records.rows import EpisodeRow, EvaluationRow
 from common.rows import read_rows
 from deploy.commands.scale import scale_to
 from deploy.follow import outcome_of
-from deploy.launch import check_existing, fresh_name, new_run, save_config, start_supervisor
+from deploy.launch import check_existing, check_new, fresh_name, new_run, save_config, start_supervisor
 from deploy.levels import prepare_levels, read_own
-from deploy.output import console, counted, one_line_errors
+from deploy.output import console, counted, one_line_errors, print_table
 from deploy.resolve import algorithms, merge, parse_actors, parse_sets, read_file, resolve, resolve_existing
 from deploy.runs import Failed, runs_root, supervised
 from deploy.show import summary
@@ -85,11 +85,13 @@ def prepare(name: str | None, given: dict[str, Any], base: Path = Path()) -> tup
     """The folder and configuration of a new run, or of the one that has this name."""
     if name is None or not (runs_root() / name / "config.yaml").exists():
         config = resolve(given, base)
+        name = name or fresh_name(config)
+        check_new(name, config)
         own = read_own(config.world.levels, base)
         for note in (note for read in own.values() for note in read.left_out):
             console.print(note, markup=False, soft_wrap=True)
         _prepare_levels(config)
-        return new_run(name or fresh_name(config), config, own=own), config
+        return new_run(name, config, own=own), config
     folder = RunFolder(runs_root() / name)
     config = resolve_existing(folder.config(), given, name, base)
     if not supervised(folder):
@@ -112,7 +114,7 @@ def conclude(folder: RunFolder) -> None:
     outcome, reason = outcome_of(folder)
     episodes = read_rows(folder.episodes_file, EpisodeRow)
     if episodes:
-        console.print(summary(episodes, read_rows(folder.evaluations_file, EvaluationRow)))
+        print_table(summary(episodes, read_rows(folder.evaluations_file, EvaluationRow)))
         console.print(f"curve    {folder.curve_file}", markup=False, soft_wrap=True)
     console.print(f"run      {folder.path}", markup=False, soft_wrap=True)
     if outcome == "failed":

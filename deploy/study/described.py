@@ -17,6 +17,7 @@ from deploy.runs import Failed, runs_root
 SHIPPED = Path(__file__).parents[1] / "studies"
 OF_THE_STUDY = ("algorithm", "rule", "level", "mix", "seed", "episodes")  # it gives them to its runs itself
 OF_THE_MACHINE = ("cores", "port")
+OF_ALL = ("levels",)  # or contenders would not learn on the same ones
 
 
 def shipped_studies() -> list[str]:
@@ -31,10 +32,28 @@ def find_study(name: str) -> Study:
         ConfigError: there is none, or it is wrong.
     """
     if Path(name).suffix in {".yaml", ".yml"}:
-        return read_study(Path(name))
+        return _found_from_anywhere(read_study(Path(name)), Path(name).parent.resolve())
     if name in shipped_studies():
         return read_study(SHIPPED / f"{name}.yaml")
     return read_study(find_folder(name).study_file)
+
+
+def _found_from_anywhere(study: Study, base: Path) -> Study:
+    """The study with paths of level files that start from the root: it goes on wherever somebody is."""
+    levels = study.settings.get("levels")
+    if not isinstance(levels, dict):
+        return study
+    rooted = {name: _rooted(found, base) if isinstance(found, dict) else found for name, found in levels.items()}
+    return study.model_copy(update={"settings": study.settings | {"levels": rooted}})
+
+
+def _rooted(levels: dict[str, Any], base: Path) -> dict[str, Any]:
+    def rooted(value: Any) -> Any:
+        if isinstance(value, list):
+            return [rooted(one) for one in value]
+        return str(base / value) if isinstance(value, str) else value
+
+    return {key: rooted(value) if key in ("files", "evaluation") else value for key, value in levels.items()}
 
 
 def named(study: Study, name: str | None) -> Study:
@@ -78,12 +97,17 @@ def configurations(study: Study, cores: int) -> dict[PlannedRun, RunConfig]:
     of_cell: dict[tuple[str, str], RunConfig] = {}
     _check_settings("settings", study.settings)
     for contender in study.contenders:
-        _check_settings(f"contenders.{contender.name}.settings", contender.settings)
+        field = f"contenders.{contender.name}.settings"
+        _check_settings(field, contender.settings)
+        for key in OF_ALL:
+            if key in contender.settings:
+                raise ConfigError(f"{field}.{key}: all contenders have the same ones, give them under settings.{key}")
         for level in study.levels:
             try:
-                of_cell[contender.name, level] = resolve(_given(study, contender, level, cores))
+                config = of_cell[contender.name, level] = resolve(_given(study, contender, level, cores))
             except ConfigError as error:
                 raise ConfigError(f"contender {contender.name} on {level}: {error}") from None
+            _check_evaluation(study, level, config.world.levels[level].evaluation_levels)
     return {run: of_cell[run.contender, run.level].model_copy(update={"seed": run.seed}) for run in planned_runs(study)}
 
 
@@ -100,6 +124,14 @@ def _given(study: Study, contender: Contender, level: str, cores: int) -> dict[s
             "cluster": {"cores": cores},
         },
     )
+
+
+def _check_evaluation(study: Study, level: str, kept: int) -> None:
+    if study.evaluation.episodes > kept:
+        raise ConfigError(
+            f"evaluation.episodes {study.evaluation.episodes}: only {kept} levels of {level} are kept from training, "
+            "use no more"
+        )
 
 
 def _check_settings(field: str, settings: Mapping[str, Any]) -> None:

@@ -22,6 +22,7 @@ from deploy.commands.evaluate import SCORER
 from deploy.commands.references import REFERENCE_SCORER
 from deploy.follow import outcome_of
 from deploy.launch import check_existing, new_run, save_config, start_supervisor
+from deploy.levels import read_own
 from deploy.runs import Failed, supervised
 from deploy.study.dispatcher import (
     Adopted,
@@ -139,7 +140,7 @@ class Runner:
     def _train(self, run: PlannedRun) -> None:
         folder, config = self._run(run), self._configs[run]
         if not folder.path.exists():
-            new_run(run.name, config, self._folder.runs)
+            new_run(run.name, config, self._folder.runs, read_own(config.world.levels, Path()))
         else:
             if folder.config().science != config.science:
                 raise Failed(f"{folder.config_file} is not what the study says: delete {folder.path} to train it anew")

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from analysis.study import PlannedRun, Study, StudyFolder
-from deploy.show import duration
+from deploy.show import duration, named_table
 from deploy.study.dispatcher import Dispatcher, Ended, Job
 from deploy.study.estimate import Cell, Rate, measured, seconds_left
 from deploy.study.progress import Looking, StudyProgress
@@ -35,7 +35,7 @@ def headline(progress: StudyProgress, time_left_s: float | None) -> str:
 
 def cell_table(progress: StudyProgress) -> Table:
     """How many runs of each contender on each level are how far."""
-    table = Table("contender", "level", box=None, pad_edge=False)
+    table = named_table("contender", "level")
     for name in ("done", "running", "waiting", "failed", "episodes"):
         table.add_column(name, justify="right")
     for (contender, level), runs in progress.cells().items():

@@ -11,7 +11,7 @@ RECENT_EPISODES = 100
 
 
 class Account:
-    """What a learner can say of its run.
+    """Steps, returns and pace of a run.
 
     Attributes:
         steps: environment steps of all trained episodes.

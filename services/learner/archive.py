@@ -50,7 +50,7 @@ class Archive:
         return self._rows.rows
 
     def resume(self) -> Tensors | None:
-        """The newest snapshot, or none at the very start; rows beyond it are set aside to check the replay against.
+        """The newest snapshot, None at the very start; later rows are set aside, to compare with those to come.
 
         Raises:
             Fatal: the snapshot is damaged, belongs to another configuration, or rows are missing.
@@ -103,7 +103,7 @@ class Archive:
         return path
 
     def checkpoint_content(self, episode: int) -> bytes | None:
-        """A checkpoint's bytes, or none if there is none."""
+        """A checkpoint's bytes; None: there is no such checkpoint."""
         path = _file(self._folder.checkpoints, episode)
         return path.read_bytes() if path.exists() else None
 

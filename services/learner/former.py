@@ -17,7 +17,7 @@ def fragment_of_flat(flat: dict[str, Any], before: Sequence[Fragment]) -> Fragme
     Its epsilon is lost and given as 0; an episode's row takes that of the last fragment, which is acted anew.
 
     Raises:
-        ValueError, KeyError: it is none.
+        ValueError, KeyError: this is no such fragment.
     """
     parts = {record: {name: flat[name] for name in record.model_fields if name in flat} for record in RECORDS}
     decisions = Decisions(**parts[Decisions])

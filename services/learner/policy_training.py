@@ -29,7 +29,7 @@ class PolicyRule(Protocol):
         """Learn from the decisions of an episode, at least one; returns the metrics of each update."""
 
     def metrics(self) -> dict[str, float]:
-        """What there is to tell about the rule itself."""
+        """The rule's own metrics, by name."""
 
     def state(self) -> dict[str, NDArray[Any]]:
         """A copy of everything but the network's."""

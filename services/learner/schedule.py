@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from common.config import RunConfig
-from common.seeding import stream_key, training_level_seed, uniform
+from common.seeding import training_distribution, training_level_seed
 
 
 @dataclass(frozen=True)
@@ -44,15 +44,4 @@ def _epsilon(config: RunConfig, episode: int) -> float:
 
 def drawn_levels(mix: Mapping[str, float], episodes: int, seed: int) -> Sequence[str]:
     """The level distribution of each episode: drawn with the shares of `mix`."""
-    if len(mix) == 1:
-        return [next(iter(mix))] * episodes
-    key = stream_key(seed, 0, "difficulty")
-    return [_pick(mix, uniform(key, episode)) for episode in range(episodes)]
-
-
-def _pick(mix: Mapping[str, float], draw: float) -> str:
-    for name in sorted(mix):
-        draw -= mix[name]
-        if draw < 0:
-            return name
-    return max(mix)
+    return [training_distribution(mix, seed, episode) for episode in range(episodes)]

@@ -1,7 +1,7 @@
 """The metrics of learning, and where the time goes: a row an episode in `metrics.jsonl`, and TensorBoard event files.
 
 The event files are written where the optional extra `tensorboard` is installed. Times are wall-clock seconds of an
-episode: `acting_s` and `actor_waited_s` (for its leases) as its actors tell, `learning_s`, `publishing_s` and
+episode: `acting_s` and `actor_waited_s` (for its leases) as its actors measure, `learning_s`, `publishing_s` and
 `learner_waited_s` (for something to learn from) of the learner.
 """
 

@@ -17,14 +17,14 @@ import torch
 from made_episodes import decided, edited
 from torch import nn
 
-from common.config import DqnConfig, NetworkConfig, ReplayConfig
 from common.policy.compiled import Twin
 from common.policy.modules import ModuleChooser
 from common.policy.packing import Layout
+from common.rules import settings_of
 from common.seeding import stream_key
 from services.learner.algorithms.dqn import Dqn, single_observations
 from services.learner.learning import Learning, build_trainer
-from services.learner.training import Sections, ValueTrainer
+from services.learner.training import ValueTrainer
 
 ARRIVED = 4
 NEXT = ((0, 1, 2), (0, 3, 2), (ARRIVED, 0, 2), (3, ARRIVED, 0))
@@ -82,21 +82,21 @@ METHODS = {
 }
 
 
+def learning_of(rule, episodes, network, replay, **switches):
+    dqn = {"learning_rate": 0.002, "batch_size": 32, "learn_every_steps": 2, "target_tau": 0.05} | switches
+    sections = {
+        "discount": DISCOUNT,
+        "network": network,
+        "dqn": dqn,
+        "replay": {"kind": replay, "capacity": 5000},
+    }
+    return Learning(1, episodes, settings_of(rule).model_validate(sections), n_features=4, n_actions=3)
+
+
 def learn(replay, *, episodes, act=act, rule="dqn", kind="plain", **switches):
     """The compiled twin of a network trained on so many episodes that `act` plays."""
     layout = Layout(kind, 4, 3, (32, 32))
-    learning = Learning(
-        seed=1,
-        episodes=episodes,
-        discount=DISCOUNT,
-        network=NetworkConfig(hidden=layout.hidden, kind=kind),
-        dqn=DqnConfig(
-            **{"learning_rate": 0.002, "batch_size": 32, "learn_every_steps": 2, "target_tau": 0.05} | switches
-        ),
-        replay=ReplayConfig(kind=replay, capacity=5000),
-        n_features=layout.n_features,
-        n_actions=layout.n_actions,
-    )
+    learning = learning_of(rule, episodes, {"hidden": layout.hidden, "kind": kind}, replay, **switches)
     trainer, twin = build_trainer(rule, learning), Twin(layout)
     for number in range(episodes):
         twin.load(trainer.weights())
@@ -151,11 +151,8 @@ def test_a_module_of_ones_own_learns_it_too():
             return self.layers(observation + 0.5)
 
     torch.manual_seed(1)
-    config = DqnConfig(learning_rate=0.002, batch_size=32, learn_every_steps=2, target_tau=0.05)
-    replay = ReplayConfig(capacity=5000)
-    learning = Learning(1, 400, DISCOUNT, NetworkConfig(), dqn=config, replay=replay, n_features=4, n_actions=3)
-    module = Own()
-    trainer = ValueTrainer(learning, Sections(config, replay), Dqn(config, module), single_observations)
+    learning, module = learning_of("dqn", 400, {}, "uniform"), Own()
+    trainer = ValueTrainer(learning, Dqn(learning.settings.dqn, module), single_observations)
     chooser = ModuleChooser(module, 4, 3, is_policy=False)
     for number in range(400):
         chooser.load(trainer.weights())

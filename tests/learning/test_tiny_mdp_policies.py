@@ -5,9 +5,9 @@ import pytest
 import torch
 from test_tiny_mdp import BEST_ACTION, DISCOUNT, PLACES, STEPS_LEFT, act
 
-from common.config import NetworkConfig, PpoConfig, ReplayConfig, SilConfig
 from common.policy.compiled import Twin
 from common.policy.packing import Layout
+from common.rules import settings_of
 from services.learner.learning import Learning, build_trainer
 
 HIDDEN = (32, 32)
@@ -21,24 +21,18 @@ def _one_thread():
     torch.set_num_threads(threads)
 
 
+PPO = {"learning_rate": 0.003, "epochs": 4, "entropy_weight": 0.001}
 SECTIONS = {
-    "ppo": {},
-    "ppor": {"replay": ReplayConfig(capacity=500)},
-    "sil": {
-        "replay": ReplayConfig(kind="prioritized", capacity=1000, beta=0),
-        "sil": SilConfig(epochs=4, batch_size=64),
-    },
+    "ppo": {"ppo": PPO},
+    "ppor": {"ppo": PPO | {"batch_size": 64}, "replay": {"capacity": 500}},
+    "sil": {"ppo": PPO, "replay": {"capacity": 1000, "beta": 0}, "sil": {"epochs": 4, "batch_size": 64}},
 }
 
 
 @pytest.mark.parametrize("rule", SECTIONS)
 def test_the_optimal_policy_and_its_values_are_found(rule):
-    network = NetworkConfig(kind="actor-critic", hidden=HIDDEN)
-    ppo = PpoConfig(learning_rate=0.003, epochs=4, batch_size=64 if rule == "ppor" else None, entropy_weight=0.001)
-    sections = SECTIONS[rule]
-    learning = Learning(
-        seed=1, episodes=600, discount=DISCOUNT, network=network, ppo=ppo, n_features=4, n_actions=3, **sections
-    )
+    sections = SECTIONS[rule] | {"discount": DISCOUNT, "network": {"hidden": HIDDEN}}
+    learning = Learning(1, 600, settings_of(rule).model_validate(sections), n_features=4, n_actions=3)
     trainer = build_trainer(rule, learning)
     twin = Twin(Layout("actor-critic", 4, 3, HIDDEN))
     for number in range(learning.episodes):

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from common import checkpoint
-from common.config import parse_config
+from common.config import Plain, parse_config
 from common.rail.world import N_ACTIONS
 from common.rules.settings import NetworkConfig
 
@@ -17,25 +17,31 @@ VALUES = {
     "dqn": {"learning_rate": 0.1, "batch_size": 1, "learn_every_steps": 1},
     "replay": {"kind": "uniform", "capacity": 1},
 }
+STUDY: Plain = {"mix": {"hard": 0.5, "easy": 0.5}}
 POLICY = {"ppo": {"learning_rate": 0.1, "epochs": 1}}
 
 
 @pytest.fixture(scope="session")
 def write_checkpoint() -> Callable[..., Path]:
-    """Writes a checkpoint as a run does, with random weights: those of seed 4 drive about."""
+    """Writes a checkpoint as a run does, with random weights: those of seed 4 drive about.
+
+    `world` are the keys of a run file that say what world the run had.
+    """
     from common.policy.actor_critic import build_actor_critic  # noqa: PLC0415  (torch is not for all tests)
     from common.policy.networks import build_network, export_parameters  # noqa: PLC0415
     from common.policy.recurrent import build_recurrent_network  # noqa: PLC0415
 
     builds = {"actor-critic": build_actor_critic, "recurrent": build_recurrent_network}
 
-    def write(path: Path, network: NetworkConfig = DUELING, seed: int = 4, **changed: str) -> Path:
+    def write(
+        path: Path, network: NetworkConfig = DUELING, seed: int = 4, world: Plain = STUDY, **changed: str
+    ) -> Path:
         rule = RULES.get(network.kind, "dqn")
         config = parse_config(
             {
                 "algorithm": "any",
                 "rule": rule,
-                "mix": {"hard": 0.5, "easy": 0.5},
+                **world,
                 "episodes": 300,
                 "seed": seed,
                 "network": network.model_dump(mode="json"),

@@ -1,7 +1,6 @@
 """A level as a picture: rails as flatland's transition maps say, trains where they start, and where they go.
 
-Every way through a cell is a line from one edge to another: a train with a heading comes in over the opposite edge.
-A way back to the edge it came in over is a dead end, with a buffer stop in the middle of the cell.
+Where the rails lie: `common.rail.tracks`.
 """
 
 from itertools import pairwise
@@ -17,15 +16,12 @@ from matplotlib.patches import Polygon, Rectangle
 from numpy.typing import NDArray
 
 from common.levels.level import Level
-from common.rail.decisions import STEPS, exits
+from common.rail.decisions import STEPS
+from common.rail.tracks import BED, COLOURS, GRID_LINE, GROUND, STEEL, arrowhead, tracks, way
 from tools.levels.routes import Place, shortest_route
 
-# Okabe & Ito's colours, told apart by everybody, then darker relatives for many trains.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5195", "#8C564B", "#4D4D4D", "#999933")
-GROUND, GRID_LINE, BED, STEEL = "#F7F5F0", "#E6E2D8", "#C9C2B4", "#3C3A36"
 HEADINGS = "NESW"
 CELL_INCHES, MOST_INCHES = 0.34, 24.0  # of a cell, and of all
-CURVE_POINTS = 9
 HALO = [patheffects.withStroke(linewidth=2.2, foreground="white")]
 
 
@@ -69,42 +65,12 @@ def _ticks(axes: Any, height: int, width: int) -> None:
 
 
 def _rails(axes: Any, grid: NDArray[np.uint16]) -> None:
-    ways = exits(grid)
-    lines, stops = [], []
-    for row, column, heading, towards in np.argwhere(ways).tolist():
-        if towards == (heading + 2) % 4:
-            lines.append(np.array([_edge(row, column, towards), (column + 0.5, row + 0.5)]))
-            stops.append(_buffer(row, column, heading))
-        else:
-            lines.append(_way(row, column, heading, towards))
+    lines, stops = tracks(grid)
     for colour, thickness in ((BED, 6.0), (STEEL, 1.5)):
         for line in lines:
             axes.plot(*line.T, color=colour, linewidth=thickness, solid_capstyle="butt", zorder=2)
     for stop in stops:
         axes.plot(*stop.T, color=STEEL, linewidth=3.0, solid_capstyle="butt", zorder=3)
-
-
-def _edge(row: int, column: int, side: int) -> tuple[float, float]:
-    """The middle of a cell's edge, as x and y."""
-    return column + 0.5 + 0.5 * STEPS[side][1], row + 0.5 + 0.5 * STEPS[side][0]
-
-
-def _way(row: int, column: int, heading: int, towards: int) -> NDArray[np.float64]:
-    """[P, 2]: from the edge that a train comes in over to the one it leaves over, bent around the cell's middle."""
-    begin, end = np.array(_edge(row, column, (heading + 2) % 4)), np.array(_edge(row, column, towards))
-    if heading == towards:
-        return np.array([begin, end])
-    middle = np.array([column + 0.5, row + 0.5])
-    t = np.linspace(0, 1, CURVE_POINTS)[:, None]
-    curve: NDArray[np.float64] = (1 - t) ** 2 * begin + 2 * t * (1 - t) * middle + t**2 * end
-    return curve
-
-
-def _buffer(row: int, column: int, heading: int) -> NDArray[np.float64]:
-    """[2, 2]: a bar across the end of the rails."""
-    across = 0.28 * np.array([STEPS[heading][0], STEPS[heading][1]])
-    middle = np.array([column + 0.5, row + 0.5])
-    return np.array([middle - across, middle + across])
 
 
 def _train(axes: Any, level: Level, train: int) -> Line2D:
@@ -130,8 +96,8 @@ def _track(route: list[Place]) -> NDArray[np.float64]:
     (row, column, _), (last_row, last_column, _) = route[0], route[-1]
     parts = [np.array([[column + 0.5, row + 0.5]])]
     for (row, column, heading), (_, _, towards) in pairwise(route):
-        way = _way(row, column, heading, towards)
-        parts.append(way[-1:] if len(parts) == 1 else way)
+        leg = way(row, column, heading, towards)
+        parts.append(leg[-1:] if len(parts) == 1 else leg)
     parts.append(np.array([[last_column + 0.5, last_row + 0.5]]))
     return np.concatenate(parts)
 
@@ -151,10 +117,10 @@ def _arrow(axes: Any, level: Level, train: int, colour: str) -> None:
     alone = all(start[:2] != [row, column] or start[2] == heading for start in starts)
     size, ahead = (0.46, 0.0) if alone else (0.3, 0.26)
     forwards = np.array([STEPS[heading][1], STEPS[heading][0]])
-    sideways = np.array([-forwards[1], forwards[0]])
     middle = np.array([column + 0.5, row + 0.5]) + ahead * forwards
-    corners = [middle + size * (forwards * f + sideways * s) for f, s in ((1, 0), (-0.8, 0.8), (-0.4, 0), (-0.8, -0.8))]
-    axes.add_patch(Polygon(corners, facecolor=colour, edgecolor="white", linewidth=1.0, zorder=6))
+    axes.add_patch(
+        Polygon(arrowhead(middle, heading, size), facecolor=colour, edgecolor="white", linewidth=1.0, zorder=6)
+    )
 
 
 def _goal(axes: Any, level: Level, train: int, colour: str) -> None:

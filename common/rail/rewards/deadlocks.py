@@ -28,8 +28,18 @@ FREE = -2
 def find_deadlocks(batch: Batch, slot: int, stuck: NDArray[np.bool_]) -> int:
     """Fill `stuck` [N] with which trains are in a deadlock; returns how many."""
     count = batch.worlds[slot]["trains"]
-    ahead = np.empty((count, 3), np.int32)  # by left, forward, right: the train in the way, NOTHING for no way, or FREE
+    ahead = np.empty((count, 3), np.int32)
     left = look_ahead(batch, slot, ahead, stuck)
+    return hold(ahead, stuck, left)
+
+
+@kernel
+def hold(ahead: NDArray[np.int32], stuck: NDArray[np.bool_], left: int) -> int:
+    """Take all trains out of `stuck` [N], of which there are `left`, that are in no deadlock; returns how many remain.
+
+    `ahead` [N, 3] is what stands left, ahead, right of a train: another train, FREE, or NOTHING if there is no way.
+    """
+    count = len(ahead)
     left = release(ahead, stuck, left)
     if left < 3:
         return left

@@ -13,12 +13,12 @@ from terminal import run_command
 from adapters.flatland_tools import CheckpointPolicy, StudyObservation, StudyRewards, TrainView
 from common import checkpoint
 from common.checkpoint import CheckpointError
-from common.config import NetworkConfig
 from common.levels.supply import LevelSupply
 from common.policy.checkpoints import load_policy
 from common.rail.flatland_world import FlatlandEpisode
 from common.rail.normalise import N_FEATURES, normalise
 from common.rail.world import MOVE_FORWARD
+from common.rules.settings import NetworkConfig
 from tools.levels.export import save_pickle
 
 CLASSES = [
@@ -88,7 +88,7 @@ def test_trains_do_as_in_training_a_step_later(policy_of, tmp_path, difficulty, 
     level = LevelSupply().evaluation(difficulty, index)
     policy = policy_of(network=network, seed=seed)
     places, _ = run(environment_of(level, tmp_path), policy)
-    expected, _ = trained(level, load_policy(tmp_path / "weights.safetensors").twin)
+    expected, _ = trained(level, load_policy(tmp_path / "weights.safetensors").network)
     assert len({str(place) for row in places for place in row}) > 20  # they drive about
     assert places[0] == [None] * level.n_trains
     assert places[1:] == expected[: len(places) - 1]
@@ -109,7 +109,7 @@ def test_the_rewards_are_the_studys_for_a_step_more(policy_of, tmp_path):
     arrived = [agent.state == TrainState.DONE for agent in env.agents]
     assert any(arrived)
     assert not all(arrived)
-    _, expected = trained(level, load_policy(tmp_path / "weights.safetensors").twin)
+    _, expected = trained(level, load_policy(tmp_path / "weights.safetensors").network)
     assert rewards == expected - sum(arrived)  # the step limit takes the others' last step
     assert StudyRewards().normalize(-3.0, -1.0, num_agents=2, max_episode_steps=4) == -0.5
 
@@ -171,7 +171,7 @@ def empty(tensors, metadata):
     [
         (drop, "tensor hidden.0.bias is missing"),
         (widen, r"tensor hidden.0.weight has shape \(128, 60\), not \(128, 252\)"),
-        (silence, "says nothing of its network"),
+        (silence, r"does not say what it needs of its run \(rule is missing"),
         (empty, "tensor hidden.0.weight is missing"),
     ],
 )
@@ -203,7 +203,7 @@ def test_the_console_commands_generate_and_evaluate_a_trajectory(write_checkpoin
     assert generated.returncode == 0, generated.stderr
     logs = tmp_path / "data" / "event_logs"
     table = pd.read_csv(logs / "TrainMovementEvents.trains_rewards_dones_infos.tsv", sep="\t")
-    expected, _ = trained(level, load_policy(path).twin)
+    expected, _ = trained(level, load_policy(path).network)
     assert table["env_time"].max() == min(level.max_steps, len(expected) + 1)
     assert len(table) == table["env_time"].max() * level.n_trains
     arrivals = pd.read_csv(logs / "TrainMovementEvents.trains_arrived.tsv", sep="\t")

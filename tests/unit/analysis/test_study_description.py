@@ -58,7 +58,12 @@ def test_where_things_lie():
         ({"seeds": "5..1"}, "seeds: '5..1' is no span of at most 1000: write for example 1..10, or a list"),
         ({"seeds": "1..5000"}, "seeds: '1..5000' is no span of at most 1000: write for example 1..10, or a list"),
         ({"seeds": [-1]}, "seeds.0: input should be greater than or equal to 0, not -1"),
-        ({"levels": ["easy", "eazy"]}, "levels.1: input should be 'easy', 'medium' or 'hard', not 'eazy'"),
+        (
+            {"levels": ["easy", "e zy"]},
+            "levels.1: string should match pattern '^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$', not",
+        ),
+        ({"levels": []}, "levels: tuple should have at least 1 item"),
+        ({"levels": [5]}, "levels.0: input should be a valid string, not 5"),
         ({"levels": ["easy", "easy"]}, "levels: easy is there 2 times: leave the others out"),
         ({"references": ["random", "random"]}, "references: random is there 2 times: leave the others out"),
         ({"episodes": 35}, "episodes 35 is not a multiple of judgement.block 10: make one fit the other"),

@@ -1,17 +1,31 @@
 """Wrong configurations end in one line that names field, value and remedy; right ones mean what they say."""
 
 import copy
+from pathlib import Path
 
 import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydantic import ValidationError
 
-from common.config import parse_config
+from common.config import parse_config, upgraded
+from common.levels.distributions import shipped
+from common.rail.observations.table import TreeObservation
+from common.rules.policies import ActorCriticConfig
+from common.rules.replay import PrioritizedReplay, UniformReplay
 from common.rules.values import ExplorationConfig
-from common.strict import ConfigError, describe, nearest
+from common.strict import ConfigError
 
+SAVED = Path(__file__).parent / "saved"  # by the version before levels had names of their own
+RUSH = {"rules": "stock", "size": [30, 40], "trains": 20, "cities": 4, "held_out": 60}
+PPO = {
+    "algorithm": "ppo",
+    "rule": "ppo",
+    "mix": {"easy": 1.0},
+    "episodes": 10,
+    "ppo": {"learning_rate": 0.1, "epochs": 2},
+    "cluster": {"actors": {"easy": 1}},
+}
 DQN = {"learning_rate": 0.001, "batch_size": 8, "learn_every_steps": 4}
 
 
@@ -94,30 +108,42 @@ def complaint(data):
             "sample",
             "evaluation.mode sample: action values give no probabilities to sample, make it greedy",
         ),
+        ("network.kind", "actor-critic", "network.kind: input should be 'plain' or 'dueling', not 'actor-critic'"),
+        ("ppo", {"learning_rate": 1, "epochs": 1}, "ppo: rule dqn has no use for it, leave it out"),
+        ("sil", {"epochs": 1, "batch_size": 1}, "sil: rule dqn has no use for it, leave it out"),
         (
-            "network.kind",
-            "actor-critic",
-            "network.kind is actor-critic, which dqn cannot train: make it plain, dueling or recurrent",
+            "dqn.sequence_decisions",
+            3,
+            (
+                "unknown key dqn.sequence_decisions: known are batch_size, double, learn_every_steps, learning_rate, "
+                "target_tau"
+            ),
         ),
-        (
-            "ppo",
-            {"learning_rate": 1, "epochs": 1},
-            "a run learns either action values or a policy: give dqn or ppo, and not both",
-        ),
+        ("replay.alpha", 0.5, "unknown key replay.alpha: known are capacity, kind"),
+        ("replay.kind", "priority", "replay.kind: unknown 'priority': known are 'uniform', 'prioritized'"),
+        ("rule", "dqnn", "unknown rule 'dqnn': did you mean dqn? known are dqn, drqn, ppo, ppor, sil"),
+        ("rule", None, "unknown rule None: known are dqn, drqn, ppo, ppor, sil"),
+        ("levels", {}, "levels: dictionary should have at least 1 item after validation, not 0, not {}"),
+        ("levels", {"rush": RUSH}, "mix: there are no levels easy: known are rush"),
+        ("evaluation.levels", 1001, "evaluation.levels: input should be less than or equal to 1000, not 1001"),
         ("fragment_steps", 0, "fragment_steps: input should be greater than or equal to 1, not 0"),
         ("cluster.cores", 0, "cluster.cores: input should be greater than or equal to 1, not 0"),
         ("cluster.port", 65536, "cluster.port: input should be less than or equal to 65535, not 65536"),
         ("cluster.hang_timeout_s", 0, "cluster.hang_timeout_s: input should be greater than or equal to 5, not 0"),
         ("cluster.actors.easy", 257, "cluster.actors.easy: input should be less than or equal to 256, not 257"),
+        ("cluster.actors.esy", 1, "actors for level esy, which this run does not have: it has easy"),
         (
-            "cluster.actors.esy",
-            1,
-            "cluster.actors.esy: input should be 'easy', 'medium', 'hard' or 'any', not 'esy'",
+            "cluster.actors",
+            {"easy": 1, "e sy": 1},
+            "cluster.actors.e sy: string should match pattern '^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$', not 'e sy'",
         ),
         ("mix.easy", 0, "mix.easy: input should be greater than 0, not 0"),
-        ("mix.esy", 1, "mix.esy: input should be 'easy', 'medium' or 'hard', not 'esy'"),
+        ("mix.esy", 1, "unknown level 'esy': did you mean easy? known are easy, hard, medium"),
         ("mix", "easy", "mix: input should be a valid dictionary, not 'easy'"),
-        ("dqn", 5, "dqn: input should be a valid dictionary or instance of DqnConfig, not 5"),
+        ("mix", {5: 1.0}, "unknown level 5: known are easy, hard, medium"),
+        ("mix", None, "mix is missing: give it a value"),
+        ("dqn", 5, "dqn: input should be a valid dictionary, not 5"),
+        ("cluster", None, "cluster: input should be a valid dictionary, not None"),
     ],
 )
 def test_a_wrong_value_is_named_with_its_field_and_its_bounds(key, value, text):
@@ -127,7 +153,9 @@ def test_a_wrong_value_is_named_with_its_field_and_its_bounds(key, value, text):
 @pytest.mark.parametrize(
     ("key", "start"),
     [
-        ("episode", "unknown key episode: did you mean episodes? known are algorithm, cluster, discount, dqn, "),
+        ("episode", "unknown key episode: did you mean episodes? known are algorithm, cluster, decisions, discount, "),
+        ("world", "unknown key world: "),  # no key of files
+        ("learning", "unknown key learning: "),
         ("dqn.batchsize", "unknown key dqn.batchsize: did you mean batch_size? known are batch_size, double, "),
         ("exploration.decay", "unknown key exploration.decay: did you mean decay_share? known are decay_share, "),
         ("cluster.xyzzy", "unknown key cluster.xyzzy: known are actors, cores, "),
@@ -137,12 +165,11 @@ def test_an_unknown_key_is_an_error_that_names_the_nearest(key, start):
     assert complaint(plain({key: 1})).startswith(start)
 
 
-@pytest.mark.parametrize("key", ["algorithm", "mix", "episodes", "network", "dqn", "cluster"])
+@pytest.mark.parametrize("key", ["algorithm", "rule", "mix", "episodes", "dqn", "replay", "cluster"])
 def test_a_missing_section_is_named(key):
     data = plain()
     del data[key]
-    wanted = "a run learns either action values or a policy: give dqn or ppo, and not both"
-    assert complaint(data) == (wanted if key == "dqn" else f"{key} is missing: give it a value")
+    assert complaint(data) == f"{key} is missing: give it a value"
 
 
 def test_a_missing_value_is_named_with_its_section():
@@ -155,26 +182,21 @@ def test_a_key_that_is_no_text_is_named():
     assert complaint(plain() | {5: 1}) == "5: keys should be strings, not 5"
 
 
-def test_nearest_lists_what_is_known_even_without_a_near_one():
-    assert nearest("hrad", ["hard", "easy"]) == ": did you mean hard? known are easy, hard"
-    assert nearest("xyz", ["hard", "easy"]) == ": known are easy, hard"
-
-
 @pytest.mark.parametrize(
     ("mix", "actors", "text"),
     [
-        ({}, {"any": 1}, "the shares of mix add up to 0: make it 1"),
+        ({}, {"any": 1}, "mix names no levels: write for example mix: {easy: 1}"),
         ({"easy": 0.5, "hard": 0.25}, {"any": 1}, "the shares of mix add up to 0.75: make it 1"),
         ({"easy": 0.75, "hard": 0.75}, {"any": 1}, "the shares of mix add up to 1.5: make it 1"),
-        ({"easy": 1}, {}, "no actors for difficulty easy: add --actors easy=1"),
-        ({"easy": 1}, {"easy": 0}, "no actors for difficulty easy: add --actors easy=1"),
-        ({"easy": 0.5, "hard": 0.5}, {"easy": 2}, "no actors for difficulty hard: add --actors hard=1"),
+        ({"easy": 1}, {}, "no actors for level easy: add --actors easy=1"),
+        ({"easy": 1}, {"easy": 0}, "no actors for level easy: add --actors easy=1"),
+        ({"easy": 0.5, "hard": 0.5}, {"easy": 2}, "no actors for level hard: add --actors hard=1"),
         (
             {"easy": 0.5, "hard": 0.5},
             {"any": 1, "medium": 1},
-            "actors for difficulty medium, which this run does not have: it has easy, hard",
+            "actors for level medium, which this run does not have: it has easy, hard",
         ),
-        ({"easy": 1}, {"easy": 1, "hard": 1}, "actors for difficulty hard, which this run does not have: it has easy"),
+        ({"easy": 1}, {"easy": 1, "hard": 1}, "actors for level hard, which this run does not have: it has easy"),
     ],
 )
 def test_mix_and_actors_must_fit_together(mix, actors, text):
@@ -196,8 +218,37 @@ def test_mixes_that_somebody_serves_are_taken(mix, actors):
 
 
 def test_a_configuration_comes_back_from_yaml():
-    config = parse_config(plain({"dqn.target_tau": 0.1, "dqn.double": True}))
-    assert parse_config(yaml.safe_load(yaml.safe_dump(config.model_dump(mode="json")))) == config
+    config = parse_config(plain({"dqn.target_tau": 0.1, "dqn.double": True, "observation": {"depth": 1}}))
+    assert parse_config(yaml.safe_load(yaml.safe_dump(config.plain()))) == config
+
+
+def test_in_files_all_keys_stand_side_by_side():
+    assert parse_config(plain()).plain() == {
+        **plain(),
+        "seed": 1,
+        "lag": 0,
+        "engine": "compiled",
+        "levels": {"easy": shipped()["easy"].model_dump(mode="json")},
+        "observation": TreeObservation().model_dump(),
+        "decisions": "cells",
+        "reward": {"kind": "study"},
+        "network": {"kind": "plain", "hidden": [16, 16]},
+        "discount": 0.99,
+        "dqn": DQN | {"target_tau": None, "double": False},
+        "replay": {"kind": "uniform", "capacity": 100},
+        "exploration": {"epsilon_start": 0.9, "epsilon_end": 0.01, "decay_share": 0.5},
+        "fragment_steps": None,
+        "evaluation": {"mode": "greedy", "every_episodes": 100, "levels": 50},
+        "cluster": {
+            "actors": {"easy": 1},
+            "cores": 2,
+            "port": 0,
+            "snapshot_every_episodes": 50,
+            "hang_timeout_s": 60.0,
+            "max_restarts": 5,
+            "restart_window_s": 120.0,
+        },
+    }
 
 
 def test_a_configuration_cannot_be_changed():
@@ -205,7 +256,9 @@ def test_a_configuration_cannot_be_changed():
     with pytest.raises(ValueError, match="frozen"):
         config.episodes = 5
     with pytest.raises(ValueError, match="frozen"):
-        config.dqn.batch_size = 5
+        config.learning.dqn.batch_size = 5
+    with pytest.raises(ValueError, match="frozen"):
+        config.world.decisions = "always"
 
 
 def test_science_is_everything_but_the_cluster_and_the_engine():
@@ -213,9 +266,73 @@ def test_science_is_everything_but_the_cluster_and_the_engine():
     other_cluster = parse_config(plain({"cluster": {"actors": {"any": 7}, "cores": 1, "snapshot_every_episodes": 3}}))
     assert other_cluster.science == config.science
     assert parse_config(plain({"engine": "flatland"})).science == parse_config(plain({"engine": "compiled"})).science
-    assert set(config.science) == set(type(config).model_fields) - {"cluster", "engine"}
-    assert parse_config(plain({"seed": 2})).science != config.science
-    assert parse_config(plain({"dqn.learning_rate": 0.002})).science != config.science
+    assert set(config.science) == set(config.plain()) - {"cluster", "engine"}
+    for change in ({"seed": 2}, {"dqn.learning_rate": 0.002}, {"decisions": "always"}, {"observation": {"depth": 1}}):
+        assert parse_config(plain(change)).science != config.science
+
+
+def test_levels_that_are_not_given_are_those_that_ship():
+    config = parse_config(plain({"mix": {"easy": 0.5, "hard": 0.5}, "cluster.actors": {"any": 1}}))
+    assert config.world.levels == {name: shipped()[name] for name in ("easy", "hard")}
+
+
+def test_levels_of_ones_own_may_be_named():
+    config = parse_config(plain({"levels": {"rush": RUSH}, "mix": {"rush": 1}, "cluster": {"actors": {"rush": 2}}}))
+    assert config.world.bounds == (30, 40, 20)
+    assert config.cluster.actors == {"rush": 2}
+
+
+def test_no_more_evaluation_levels_than_are_kept_from_training():
+    changes = {"levels": {"rush": RUSH}, "mix": {"rush": 1}, "cluster": {"actors": {"rush": 2}}}
+    assert parse_config(plain(changes | {"evaluation.levels": 60})).evaluation.levels == 60
+    assert complaint(plain(changes | {"evaluation.levels": 61})) == (
+        "evaluation.levels 61: only 60 levels of rush are kept from training, use no more"
+    )
+
+
+# Configurations of earlier versions
+
+
+@pytest.mark.parametrize("path", sorted(SAVED.glob("*.yaml")), ids=lambda path: path.stem)
+def test_an_earlier_configuration_means_what_it_meant(path):
+    saved = yaml.safe_load(path.read_text())
+    found = parse_config(saved).plain()
+    assert found["levels"] == {name: shipped()[name].model_dump(mode="json") for name in saved["mix"]}
+    assert (found["decisions"], found["reward"]) == ("cells", {"kind": "study"})
+    assert found["observation"] == TreeObservation().model_dump()
+    for key, value in saved.items():
+        if isinstance(value, dict) and key in found:
+            assert found[key].items() <= value.items()
+        elif key in found:
+            assert found[key] == value
+
+
+def test_what_a_rule_had_no_use_for_is_forgotten():
+    ppo, dddqn, drqn, sil = (
+        parse_config(yaml.safe_load((SAVED / f"{name}.yaml").read_text()))
+        for name in ("ppo-medium", "dddqn-easy", "drqn-medium", "sil-hard")
+    )
+    assert set(ppo.learning.model_dump()) == {"network", "discount", "ppo"}  # not exploration, nor batch_size
+    assert "batch_size" not in ppo.learning.ppo.model_dump()
+    assert dddqn.learning.replay == UniformReplay(capacity=50000)
+    assert "sequence_decisions" not in dddqn.learning.dqn.model_dump()
+    assert drqn.learning.dqn.sequence_decisions == 8
+    assert drqn.learning.replay == PrioritizedReplay(capacity=50000, alpha=0.6, beta=0.4)
+    assert sil.learning.sil.epochs == 13
+    assert sil.learning.network == ActorCriticConfig(hidden=(128, 128))
+
+
+def test_whole_episodes_of_an_earlier_configuration_stay_whole():
+    saved = yaml.safe_load((SAVED / "dddqn-easy.yaml").read_text()) | {"fragment_steps": None}
+    assert upgraded(saved)["fragment_steps"] is None  # and is not left to a preset
+    assert parse_config(saved).learning.steps_a_fragment is None
+
+
+def test_configurations_of_this_version_are_left_alone():
+    for data in (plain(), parse_config(plain()).plain(), {}, {"replay": None}):
+        assert upgraded(data) == data
+    data = yaml.safe_load((SAVED / "ppo-medium.yaml").read_text()) | {"levels": {}}
+    assert upgraded(data) == data  # so that what it cannot have is refused
 
 
 def test_epsilon_falls_geometrically_over_its_share_of_the_episodes():
@@ -252,22 +369,28 @@ def test_epsilon_never_rises_and_stays_between_its_ends(start, end, share, episo
     assert min(epsilons) >= min(start, end) * (1 - 1e-9)
 
 
-def test_describe_says_the_first_problem_of_any_section():
-    with pytest.raises(ValidationError) as caught:
-        ExplorationConfig(epsilon_end=0)
-    assert describe(caught.value) == "epsilon_end: input should be greater than 0, not 0"
-
-
 def test_what_does_not_go_together_is_named_with_its_remedy():
     assert complaint(plain({"lag": 1, "fragment_steps": 30})) == (
         "lag 1 needs whole episodes: add --set fragment_steps=null"
     )
-    without_replay = plain()
-    del without_replay["replay"]
-    assert complaint(without_replay) == "dqn.batch_size is drawn from a replay: give replay.capacity"
-    policy = plain({"rule": "ppo", "ppo": {"learning_rate": 0.1, "epochs": 2}, "network.kind": "actor-critic"})
-    del policy["dqn"], policy["replay"]
-    assert parse_config(policy).evaluation.mode == "greedy"
-    assert complaint(policy | {"fragment_steps": 5}) == (
-        "fragment_steps 5: ppo learns from whole episodes, leave it out"
-    )
+    assert parse_config(plain({"lag": 1})).lag == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"fragment_steps": 5}, "fragment_steps: rule ppo has no use for it, leave it out"),
+        ({"replay": {"capacity": 5}}, "replay: rule ppo has no use for it, leave it out"),
+        ({"exploration": {}}, "exploration: rule ppo has no use for it, leave it out"),
+        ({"dqn": DQN}, "dqn: rule ppo has no use for it, leave it out"),
+        ({"discount": 1}, "discount: input should be less than 1, not 1"),
+        ({"network": {"kind": "dueling"}}, "network.kind: input should be 'actor-critic', not 'dueling'"),
+    ],
+)
+def test_what_a_policy_has_no_use_for_is_refused(changes, text):
+    assert complaint(PPO | changes) == text
+
+
+def test_only_policies_are_scored_by_sampling():
+    assert parse_config(PPO).evaluation.mode == "greedy"
+    assert parse_config(PPO | {"evaluation": {"mode": "sample"}}).evaluation.mode == "sample"

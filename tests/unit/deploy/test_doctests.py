@@ -9,10 +9,10 @@ import pytest
 @pytest.mark.parametrize(
     ("module", "examples"),
     [
-        ("common.config", 1),
+        ("common.strict", 2),
         ("common.wire.keys", 2),
         ("common.wire.codec", 2),
-        ("deploy.resolve", 1),
+        ("deploy.resolve", 2),
         ("deploy.plan", 1),
         ("deploy.show", 2),
         ("deploy.study.estimate", 1),

@@ -238,6 +238,13 @@ def test_the_status_of_a_run_that_lost_its_supervisor(folder):
     ]
 
 
+@pytest.mark.parametrize("level", ["rush-hour", "a-b-c", "2024-12-01", "any", "x" * 40])
+def test_names_of_levels_may_have_hyphens(folder, level):
+    with sole(folder, f"actor-{level}-12"):
+        [process] = status_from_files(folder).processes
+    assert (process.process, process.role, process.difficulty) == (f"actor-{level}-12", "actor", level)
+
+
 def test_waiting_ends_when_it_comes_true_or_when_patience_ends():
     looks = iter([False, True])
     assert wait_until(lambda: next(looks), 10.0)

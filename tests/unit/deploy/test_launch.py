@@ -101,7 +101,15 @@ def test_a_fresh_name_tells_what_the_run_is_and_is_free(root, monkeypatch):
     (root / "dddqn-easy-hard-seed7-20200102-120000").mkdir(parents=True)
     (root / "dddqn-easy-hard-seed7-20200102-120000-2").mkdir()
     assert fresh_name(mixed) == "dddqn-easy-hard-seed7-20200102-120000-3"
-    assert launch.NAME_FORM.match(fresh_name(mixed))
+    assert launch.NAME_FORM.fullmatch(fresh_name(mixed))
+
+
+def test_a_fresh_name_is_one_however_many_levels_there_are(root):
+    tiny = {"rules": "stock", "size": [20, 20], "trains": 2, "cities": 2}
+    levels = {f"{'x' * 39}{number}": tiny for number in range(5)}
+    mixed = resolve({"levels": levels, "mix": dict.fromkeys(levels, 0.2)})
+    assert launch.NAME_FORM.fullmatch(fresh_name(mixed))
+    assert fresh_name(mixed).startswith(f"dddqn-{'x' * 39}0-seed1-")
 
 
 # What cannot be written
@@ -238,7 +246,7 @@ def supervisor(monkeypatch):
 
     def use(code):
         def start(command, **options):
-            assert command[1:3] == ["-m", "deploy.supervise"]
+            assert command[:4] == [*PYTHON, "-m", "deploy.supervise"]
             child = subprocess.Popen([*PYTHON, "-c", code, command[-1]], **options | {"stdin": subprocess.PIPE})
             started.append((child, options))
             return child

@@ -3,8 +3,8 @@
 import importlib.util
 from pathlib import Path
 
-from common.config import DIFFICULTIES
 from common.interpreter import run_module
+from common.levels.distributions import shipped
 from deploy.plan import actors, cluster
 
 
@@ -26,7 +26,7 @@ def test_scaling_keeps_the_names_of_those_that_stay():
 
 
 def test_names_are_unique():
-    names = [spec.name for spec in cluster(dict.fromkeys((*DIFFICULTIES, "any"), 3))]
+    names = [spec.name for spec in cluster(dict.fromkeys((*shipped(), "any"), 3))]
     assert len(set(names)) == len(names) == 15
 
 

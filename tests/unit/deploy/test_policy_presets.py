@@ -3,7 +3,7 @@
 import pytest
 
 from deploy.resolve import resolve
-from services.learner.learning import Learning, build_trainer
+from services.learner.learning import build_trainer, learning_of
 
 TABLE = {  # learning rate, batch of the replay, replay, epochs, epochs of imitation
     ("ppo", "easy"): (0.0005, None, None, 10, None),
@@ -21,16 +21,16 @@ TABLE = {  # learning rate, batch of the replay, replay, epochs, epochs of imita
 @pytest.mark.parametrize(("algorithm", "level"), TABLE)
 def test_presets_are_those_of_the_study(algorithm, level):
     config = resolve({"algorithm": algorithm, "level": level})
-    assert config.ppo is not None
-    batch_size = config.sil.batch_size if config.sil else config.ppo.batch_size
+    found = config.learning.model_dump()
+    ppo, sil, replay = (found.get(name, {}) for name in ("ppo", "sil", "replay"))
     assert (
-        config.ppo.learning_rate,
-        batch_size,
-        config.replay.capacity if config.replay else None,
-        config.ppo.epochs,
-        config.sil.epochs if config.sil else None,
+        ppo["learning_rate"],
+        (sil or ppo).get("batch_size"),
+        replay.get("capacity"),
+        ppo["epochs"],
+        sil.get("epochs"),
     ) == TABLE[algorithm, level]
-    assert config.network.hidden == (128, 128)
-    assert config.ppo.max_gradient_norm == 0.5
-    assert config.fragment_steps is None
-    build_trainer(config.rule, Learning.of(config))
+    assert config.learning.network.hidden == (128, 128)
+    assert ppo["max_gradient_norm"] == 0.5
+    assert config.learning.steps_a_fragment is None
+    build_trainer(config.rule, learning_of(config))

@@ -1,17 +1,28 @@
 """What a run looks like: every figure that matters is in the text."""
 
 import time
+from collections import Counter
 
 import pytest
 from rich.console import Console
 
 from common.records.control import ProcessStatus, Progress, Status
 from common.records.rows import EpisodeRow, EvaluationRow
-from deploy.show import duration, evaluation_table, number, process_table, progress_line, row_line, summary, view
+from deploy.show import (
+    duration,
+    evaluation_table,
+    number,
+    process_table,
+    progress_line,
+    row_line,
+    score_table,
+    summary,
+    view,
+)
 
 
-def rendered(renderable):
-    console = Console(record=True, width=120, force_terminal=False, quiet=False, file=None)
+def rendered(renderable, width=120):
+    console = Console(record=True, width=width, force_terminal=False, quiet=False, file=None)
     with console.capture() as captured:
         console.print(renderable)
     return captured.get()
@@ -197,11 +208,35 @@ def test_the_summary_of_a_short_run_has_a_line_an_episode():
     assert "2-2" in text
 
 
-def test_the_summary_of_a_mix_shows_every_difficulty():
+def test_the_summary_of_a_mix_shows_all_its_levels():
     episodes = [episode(0, level="easy"), episode(1, level="hard")]
     text = rendered(summary(episodes, [evaluation(2, -0.125, "easy"), evaluation(2, -0.875, "hard")]))
     assert "-0.125" in text
     assert "-0.875" in text
+
+
+LONG = "ABCDEFGHIJKLMNOPQRSTUVWXYZABCDEFGHIJKLMN"  # as long as names of levels may be
+SCORES = ("mean", "low", "high", "median", "std", "arrived_share", "all_arrived_share")
+TABLES = {  # and how often the name is there
+    "evaluations": (evaluation_table([evaluation(50, level=LONG)]), 1),
+    "scores": (score_table([dict.fromkeys(SCORES, -0.5) | {"level": LONG, "levels": 1000, "mean_steps": 99.0}]), 1),
+    "processes": (process_table(status(processes=[process(f"actor-{LONG}-255", difficulty=LONG)])), 2),
+    "summary": (summary([episode(0)], [evaluation(1, -0.5, LONG), evaluation(1, -0.5, "hard")]), 2),
+}
+
+
+@pytest.mark.parametrize("width", [80, 120])
+@pytest.mark.parametrize("table", TABLES)
+def test_no_table_cuts_a_long_name(table, width):
+    shown, times = TABLES[table]
+    text = rendered(shown, width).replace("Summary", "summary")
+    assert Counter(filter(str.isupper, text)) == Counter(LONG * times)
+    assert "\N{HORIZONTAL ELLIPSIS}" not in text
+
+
+def test_a_line_has_a_long_name_whole():
+    assert row_line(episode(7, level=LONG)).startswith(f"episode      7  {LONG}  return  -0.500  ")
+    assert row_line(evaluation(50, level=LONG)).startswith(f"checkpoint  50  {LONG}  greedy  -0.250  ")
 
 
 def test_a_row_is_a_line_of_its_figures():

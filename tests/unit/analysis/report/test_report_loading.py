@@ -1,17 +1,21 @@
 """What is read from disk, and what is refused in a line."""
 
 import json
+from pathlib import Path
 
 import made_study
 import numpy as np
 import pytest
 import yaml
 
-from analysis.report.loading import DamagedEvaluation, load_runs, load_study
+from analysis.report.loading import DamagedEvaluation, level_labels, load_runs, load_study
 from analysis.report.results import Rectangle
+from analysis.report.sections.settings import settings
 from analysis.study import PlannedRun
+from common.config import parse_config
 from common.rows import DamagedRows
 from common.strict import ConfigError
+from deploy.resolve import resolve
 
 JUDGEMENT = {"block": 3, "zones": 2}
 HALF, WHOLE = np.linspace(-1, -0.5, 4), np.linspace(-1, -0.25, 6)
@@ -128,7 +132,7 @@ def test_runs_are_told_apart_by_the_settings_in_which_they_differ(tmp_path):
         "sil": {"algorithm": "sil", "level": "easy"},
         "sil-hard": {"algorithm": "sil", "level": "hard"},  # whose preset has other settings
     }
-    paths = [made_study.make_run(tmp_path / name, WHOLE, **settings) for name, settings in given.items()]
+    paths = [made_study.make_run(tmp_path / name, WHOLE, **more) for name, more in given.items()]
     assert [run.contender for run in load_runs(paths).runs] == [
         "dqn dqn.batch_size=128",
         "dqn dqn.batch_size=64",
@@ -136,6 +140,62 @@ def test_runs_are_told_apart_by_the_settings_in_which_they_differ(tmp_path):
         "sil",
         "dqn",
     ]
+
+
+RUSH = {"rules": "stock", "size": [20, 30], "trains": 9, "cities": 3}
+
+
+def own(**changes):
+    """A run of levels of its own, all called `rush`."""
+    return {"level": "rush", "levels": {"rush": RUSH | changes}}
+
+
+def test_levels_of_ones_own_are_levels(tmp_path):
+    given = {"a": own(), "b": own() | {"algorithm": "ppo"}, "c": {"level": "easy"}}
+    results = load_runs([made_study.make_run(tmp_path / name, WHOLE, **more) for name, more in given.items()])
+    assert results.levels == ("easy", "rush")  # by trains
+    assert [(run.contender, run.level) for run in results.runs] == [
+        ("dddqn", "rush"),
+        ("ppo", "rush"),
+        ("dddqn", "easy"),
+    ]
+
+
+def test_different_levels_of_one_name_are_told_apart_and_not_compared(tmp_path):
+    given = {"a": own(), "b": own(trains=3), "c": own(speeds={0.5: 1}), "d": {"level": "easy"}}
+    results = load_runs([made_study.make_run(tmp_path / name, WHOLE, **more) for name, more in given.items()])
+    apart = (
+        "rush trains=9 speeds.0.5=null",
+        "rush trains=3 speeds.0.5=null",
+        "rush trains=9 speeds.0.5=1.0",
+    )
+    assert [(run.contender, run.level) for run in results.runs] == [("dddqn", level) for level in (*apart, "easy")]
+    assert set(results.levels) == {*apart, "easy"}
+    assert results.levels[0] in {"easy", apart[1]}  # by trains
+    table = next(part for part in settings(results).parts if getattr(part, "name", "") == "table-levels")
+    assert [row[:4] for row in table.rows] == [
+        ["easy", "legacy", "25x25", "3"],
+        ["rush", "stock", "20x30", "3"],
+        ["rush", "stock", "20x30", "9"],
+        ["rush", "stock", "20x30", "9"],
+    ]
+    assert [row[4].endswith("timetable true, speeds.0.5 1.0") for row in table.rows[2:]] == [True, False]
+
+
+def test_files_of_the_same_name_that_hold_something_else_are_told_apart():
+    found = {"size": [9, 9], "trains": 2, "training": 8, "evaluation": 2}
+    configs = {}
+    for number, digest in enumerate("aab"):
+        levels = {"mine": {"files": "mine.pkl", "found": found | {"digest": digest * 16}}}
+        plain = resolve({"level": "easy"}).plain() | {"levels": levels, "mix": {"mine": 1.0}}
+        plain |= {"cluster": {"actors": {"mine": 1}}, "evaluation": {"levels": 2}}
+        configs[Path(str(number))] = parse_config(plain)
+    assert [*level_labels(configs).values()] == [
+        f"mine digest={'a' * 16}",
+        f"mine digest={'a' * 16}",
+        f"mine digest={'b' * 16}",
+    ]
+    assert set(level_labels({path: configs[path] for path in (Path("0"), Path("1"))}).values()) == {"mine"}
 
 
 def test_a_mixed_run_has_a_curve_a_level(tmp_path):

@@ -129,6 +129,40 @@ def test_other_settings_are_said_once_where_levels_agree():
     assert not {"seed", "algorithm", "dqn.batch_size", "replay.capacity"} & set(cells)
 
 
+def test_the_levels_are_described_once_each():
+    rush = {
+        "rules": "stock",
+        "size": [20, 30],
+        "trains": 9,
+        "cities": 3,
+        "malfunctions": {"rate": 0.1, "min_steps": 2, "max_steps": 3},
+    }
+    given = {"levels": {"rush": rush}, "mix": {"easy": 0.5, "rush": 0.5}}
+    configs = {
+        ("dqn", "easy", 1): resolve({"algorithm": "dqn"} | given),
+        ("dqn", "rush", 1): resolve({"algorithm": "dqn"} | given),
+        ("ppo", "easy", 1): resolve({"algorithm": "ppo"}),
+    }
+    runs = {run: replace(trained(-1), config=config) for run, config in configs.items()}
+    [table] = [part for part in settings(results(runs)).parts if getattr(part, "name", "") == "table-levels"]
+    assert table.shown() == [
+        ["easy", "legacy", "25x25", "3", "cities 2, rails_between_cities 2, held_out 1000, rails_in_city 3"],
+        [
+            "rush",
+            "stock",
+            "20x30",
+            "9",
+            (
+                "cities 3, rails_between_cities 2, held_out 100, rail_pairs_in_city 2, timetable true, "
+                "malfunctions.rate 0.1, malfunctions.min_steps 2, malfunctions.max_steps 3"
+            ),
+        ],
+    ]
+    others = {row[0] for row in settings(results(runs)).parts[-1].rows}
+    assert not {key for key in others if key.startswith("levels")}
+    assert {"observation.kind", "reward.kind", "decisions"} <= others
+
+
 WHOLE = [-1, -1, -1, -0.5, -0.5, -0.5]
 
 

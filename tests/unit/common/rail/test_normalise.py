@@ -5,7 +5,8 @@ from math import inf
 import numpy as np
 import pytest
 
-from common.rail.normalise import N_FEATURES, N_NODE_FEATURES, N_NODES, normalise
+from common.levels.distributions import Bounds
+from common.rail.normalise import N_FEATURES, N_NODE_FEATURES, N_NODES, journey_cells, normalise
 
 
 def tree_of(**nodes: tuple[float, ...]) -> np.ndarray:
@@ -26,6 +27,17 @@ def test_every_feature_by_hand():
     # 10 / 50 - 1, nothing, just out of sight, 49 / 50 - 1, here, 20 / 50 - 1, a detour of 20 + 30 - 40 = 10 cells:
     # 10 / 25 - 1, one and two of five trains, 5 of 10 steps, half speed, more than five trains ready
     assert node.tolist() == pytest.approx([-0.8, 0, 0, -0.02, -1, -0.6, -0.6, -0.2, -0.4, -0.5, -0.5, -1])
+
+
+def test_plain_features_by_hand():
+    vector = normalise(tree_of(node0=ROOT, node6=NODE), "plain", journey=journey_cells(Bounds(40, 60, 1)))
+    root, node = vector.reshape(N_NODES, N_NODE_FEATURES)[[0, 6]]
+    assert root.tolist() == pytest.approx([0, 0, 0, 0, 0, 0, 40 / 200 - 1, 0, 0, -0.4, -0.75, 0])
+    assert node.tolist() == pytest.approx([-0.8, 0, 0, -0.02, -1, -0.6, 30 / 200 - 1, -0.2, -0.4, -0.5, -0.5, -1])
+
+
+def test_the_study_s_grid_gives_plain_features_the_study_s_scale():
+    assert journey_cells(Bounds(25, 25, 7)) == 100
 
 
 def test_padding_is_positive_zero():

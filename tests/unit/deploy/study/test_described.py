@@ -41,8 +41,8 @@ def test_the_thesis_is_its_protocol():
     assert len(runs) == 180
     assert {config.episodes for config in runs.values()} == {1500}
     assert {config.algorithm for config in runs.values()} == {"dqn", "ddqn", "dddqn", "ppo", "ppor", "sil"}
-    assert runs[PlannedRun("sil", "hard", 10)].replay.capacity == 40000  # table 5.3
-    assert runs[PlannedRun("ddqn", "medium", 3)].dqn.learn_every_steps == 40
+    assert runs[PlannedRun("sil", "hard", 10)].learning.replay.capacity == 40000  # table 5.3
+    assert runs[PlannedRun("ddqn", "medium", 3)].learning.dqn.learn_every_steps == 40
     assert (thesis.evaluation.episodes, thesis.judgement.block, thesis.judgement.zones) == (1000, 100, 3)
 
 
@@ -56,8 +56,8 @@ def test_every_shipped_study_is_one(name):
 def test_settings_of_all_runs_lie_below_those_of_a_contender():
     given = study(settings={"replay": {"capacity": 777}, "lag": 1}, contenders=[*SMALL["contenders"], "dqn"])
     per, plain = (configurations(given, 1)[PlannedRun(name, "hard", 5)] for name in ("per", "dqn"))
-    assert (per.replay.kind, per.replay.capacity, per.lag, per.seed) == ("prioritized", 777, 1, 5)
-    assert (plain.replay.kind, plain.replay.capacity, plain.algorithm) == ("uniform", 777, "dqn")
+    assert (per.learning.replay.kind, per.learning.replay.capacity, per.lag, per.seed) == ("prioritized", 777, 1, 5)
+    assert (plain.learning.replay.kind, plain.learning.replay.capacity, plain.algorithm) == ("uniform", 777, "dqn")
     assert list(per.mix) == ["hard"]
     assert (per.cluster.cores, per.cluster.actors) == (1, {"hard": 1})
 
@@ -68,7 +68,7 @@ def test_settings_of_all_runs_lie_below_those_of_a_contender():
         ({"contenders": ["dqnn"]}, "contender dqnn on easy: unknown algorithm 'dqnn': did you mean dqn?"),
         (
             {"contenders": ["dqn", {"name": "x", "algorithm": "ppo", "settings": {"dqn": {"batch_size": 3}}}]},
-            "contender x on easy: algorithm ppo has no section dqn: it has ppo",
+            "contender x on easy: dqn: rule ppo has no use for it, leave it out",
         ),
         (
             {"settings": {"dqn": {"batchsize": 3}}},
@@ -86,6 +86,57 @@ def test_settings_of_all_runs_lie_below_those_of_a_contender():
     ],
 )
 def test_settings_that_make_no_run_are_refused(changes, text):
+    assert refused(configurations, study(**changes), 2).startswith(text)
+
+
+RUSH = {"rules": "stock", "size": [30, 40], "trains": 20, "cities": 4}
+
+
+def test_a_study_may_have_levels_of_its_own():
+    given = study(settings={"levels": {"rush": RUSH}}, levels=["easy", "rush"], evaluation={"episodes": 100})
+    configs = configurations(given, 1)
+    assert {run.level: list(config.world.levels) for run, config in configs.items()} == {
+        "easy": ["easy"],
+        "rush": ["rush"],
+    }
+    rush = configs[PlannedRun("dddqn", "rush", 4)]
+    assert (rush.world.bounds, rush.cluster.actors) == ((30, 40, 20), {"rush": 1})
+    folder = StudyFolder(runs_root() / "small")
+    save_study(folder, given)
+    assert configurations(read_study(folder.study_file), 1) == configs
+    other = study(
+        settings={"levels": {"rush": RUSH | {"trains": 3}}}, levels=["easy", "rush"], evaluation={"episodes": 100}
+    )
+    assert "was started with settings.levels.rush.trains 20, not 3" in refused(save_study, folder, other)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"levels": ["easy", "eazy"]}, "contender dddqn on eazy: unknown level 'eazy': did you mean easy?"),
+        (
+            {"levels": ["rush"], "settings": {"levels": {"rush": RUSH}}},
+            "evaluation.episodes 1000: only 100 levels of rush are kept from training, use no more",
+        ),
+        (
+            {"settings": {"levels": {"rush": RUSH | {"trains": 0}}}},
+            "contender dddqn on easy: levels.rush.trains: input should be greater than or equal to 1, not 0",
+        ),
+        (
+            {"settings": {"levels": {"easy": RUSH}}},
+            "contender dddqn on easy: levels.easy: these levels ship with the project, give yours another name",
+        ),
+        (
+            {"settings": {"levels": 5}},
+            "contender dddqn on easy: levels: input should be a valid dictionary, not 5",
+        ),
+        (
+            {"contenders": [{"name": "x", "algorithm": "ppo", "settings": {"levels": {"rush": RUSH}}}]},
+            "contenders.x.settings.levels: all contenders have the same ones, give them under settings.levels",
+        ),
+    ],
+)
+def test_levels_that_no_study_can_have_are_refused(changes, text):
     assert refused(configurations, study(**changes), 2).startswith(text)
 
 

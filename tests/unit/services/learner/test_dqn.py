@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from common.config import DqnConfig, NetworkConfig
 from common.policy.networks import build_network, import_parameters
+from common.rules.settings import NetworkConfig
+from common.rules.values import DqnConfig
 from services.learner.algorithms.dqn import Dqn, double_q_target, error_gradient, q_target, soft_update
 from services.learner.training import Batch
 

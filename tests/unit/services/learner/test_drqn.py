@@ -3,14 +3,14 @@
 import numpy as np
 from made_episodes import decided
 
-from common.config import ReplayConfig
+from common.rules.replay import UniformReplay
 from services.learner.algorithms.drqn import sequences
 from services.learner.replay.replay import Replay, Sample
 from services.learner.replay.transitions import COLUMNS, ROWS, TransitionMaker
 
 
 def test_sequences_are_what_a_train_saw_up_to_a_transition_and_from_one_decision_on():
-    replay = Replay(ReplayConfig(capacity=20), COLUMNS, ROWS, n_features=1)
+    replay = Replay(UniformReplay(capacity=20), COLUMNS, ROWS, n_features=1)
     for number in range(2):  # what a train saw in the episode before does not belong to it
         seen = 10 * number
         decisions = [

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import nn
 
-from common.config import NetworkConfig
 from common.policy.networks import build_network, linear_layer
 from common.policy.recurrent import build_recurrent_network
+from common.rules.settings import NetworkConfig
 from services.learner.network.adam import Adam
 from services.learner.network.layers import RELU, TANH, Perceptron
 from services.learner.network.parameters import LINE, Parameters

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from common.config import NetworkConfig, PpoConfig, SilConfig
 from common.policy.actor_critic import build_actor_critic
 from common.policy.networks import export_parameters
+from common.rules.policies import PpoConfig
+from common.rules.settings import NetworkConfig
+from common.rules.sil import SilConfig
 from services.learner.algorithms.ppo import Ppo
 from services.learner.algorithms.sil import Sil
 from services.learner.experience import Experience

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from common.config import NetworkConfig
 from common.policy.actor_critic import build_actor_critic
 from common.policy.networks import export_parameters
+from common.rules.settings import NetworkConfig
 from services.learner.network.policies import PolicyNetwork
 from services.learner.network.sparse import sparse_rows
 

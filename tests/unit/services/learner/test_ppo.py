@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from common.config import NetworkConfig, PpoConfig
 from common.policy.actor_critic import build_actor_critic
 from common.policy.networks import import_parameters
+from common.rules.policies import PpoConfig
+from common.rules.settings import NetworkConfig
 from services.learner.algorithms.ppo import (
     Ppo,
     clipped_surrogate,

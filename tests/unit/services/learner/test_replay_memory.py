@@ -6,17 +6,18 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.config import ReplayConfig
+from common.rules.replay import PrioritizedReplay, UniformReplay
 from services.learner.replay.replay import Replay
 
 F = 3
 COLUMNS = {"action": np.int8, "reward": np.float32, "back": np.int32}
 ROWS = ("before", "after")
 KINDS = ("uniform", "prioritized")
+REPLAYS = {"uniform": UniformReplay, "prioritized": PrioritizedReplay}
 
 
 def make_replay(capacity, kind="uniform", **exponents):
-    return Replay(ReplayConfig(kind=kind, capacity=capacity, **exponents), COLUMNS, ROWS, F)
+    return Replay(REPLAYS[kind](capacity=capacity, **exponents), COLUMNS, ROWS, F)
 
 
 def numbered(first, count):
@@ -201,7 +202,7 @@ def test_histories_are_those_of_lists(capacity, trains, length):
 @pytest.mark.parametrize("kind", KINDS)
 def test_numbers_come_back_to_the_bit_and_with_their_sign(kind):
     columns = {"small": np.int8, "middle": np.int16, "large": np.int32, "real": np.float32}
-    replay = Replay(ReplayConfig(kind=kind, capacity=2), columns, ("row",), F)
+    replay = Replay(REPLAYS[kind](capacity=2), columns, ("row",), F)
     items = {name: np.array([np.iinfo(dtype).min, -1], dtype) for name, dtype in columns.items() if name != "real"}
     items["real"] = np.array([0x7FC00123, 0x80000000], np.uint32).view(np.float32)  # a NaN, -0
     replay.add(items | {"row": np.ones((2, F), np.float32)})
@@ -214,7 +215,7 @@ def test_numbers_come_back_to_the_bit_and_with_their_sign(kind):
 
 def test_columns_of_more_than_32_bits_are_refused():
     with pytest.raises(ValueError, match=r"columns are of int8, int16, int32, float32, not \{'time': 'int64'\}"):
-        Replay(ReplayConfig(capacity=4), {"time": np.int64}, ROWS, F)
+        Replay(UniformReplay(capacity=4), {"time": np.int64}, ROWS, F)
 
 
 @pytest.mark.parametrize("kind", KINDS)

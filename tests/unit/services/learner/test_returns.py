@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_episodes import course_of, decisions_of
 
-from services.learner.returns import LEAST, decision_returns
+from services.learner.returns import decision_returns
 
 
 def returns(rewards, arrived_at, final_values, discount=0.5):
@@ -27,8 +27,8 @@ def test_a_train_that_arrived_is_worth_nothing_after():
     np.testing.assert_allclose(returns([[-1], [-1], [0]], [1], [-0.8])[:, 0], [-0.75, -0.5, 0], rtol=1e-6)
 
 
-def test_the_least_is_to_pay_for_ever():
-    np.testing.assert_allclose(returns([[-1], [-1], [-1]], [-1], [LEAST])[:, 0], [-1, -1, -1])
+def test_the_least_of_a_cost_of_one_a_step_is_to_pay_it_for_ever():
+    np.testing.assert_allclose(returns([[-1], [-1], [-1]], [-1], [-1])[:, 0], [-1, -1, -1])
 
 
 def test_the_reward_for_all_having_arrived_counts_for_those_that_arrived_before():

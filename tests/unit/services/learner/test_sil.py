@@ -7,7 +7,9 @@ import pytest
 import torch
 from test_ppo import SETTINGS, batch_of, make_network
 
-from common.config import PpoConfig, ReplayConfig, SilConfig
+from common.rules.policies import PpoConfig
+from common.rules.replay import PrioritizedReplay
+from common.rules.sil import SilConfig
 from services.learner.algorithms.ppo import WholeEpisodes
 from services.learner.algorithms.sil import SelfImitation, Sil, imitation_policy_loss, imitation_value_loss
 from services.learner.experience import ExperienceReplay
@@ -32,7 +34,7 @@ class Drawn(ExperienceReplay):
     """Remembers what priorities it was given."""
 
     def __init__(self, capacity):
-        super().__init__(ReplayConfig(kind="prioritized", capacity=capacity, beta=0), 1, seed=1)
+        super().__init__(PrioritizedReplay(capacity=capacity, beta=0), 1, seed=1)
         self.given = []
 
     def add(self, new, priorities=None):

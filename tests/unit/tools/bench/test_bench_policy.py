@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from common.config import DIFFICULTIES, Difficulty
+from common.levels.distributions import shipped
+from common.levels.legacy import generate
 from common.levels.level import Level
-from common.levels.shipped import generate
-from common.policy import bench_policy
 from common.policy.compiled import Twin
 from common.policy.networks import export_parameters
 from common.policy.player import MAX_TRAINS, Acting, network_layout, play
 from common.policy.rollout import Rollouts
 from common.records.course import Course
+from tools.bench import policy
 from tools.bench.measuring import DisagreementError, measure
 from tools.bench.policy import NETWORK, TheirPlayer, comparison, comparisons, pathfinder, script_of
 
@@ -38,9 +38,9 @@ def test_the_network_follows_the_shortest_path():
     assert course.arrived_at.tolist() == [root_distance]  # the first step only departs
 
 
-@pytest.mark.parametrize("difficulty", DIFFICULTIES)
-def test_flatland_plays_our_episode_again(difficulty: Difficulty):
-    level = short(generate(difficulty, 2))
+@pytest.mark.parametrize("level_name", [*shipped()])
+def test_flatland_plays_our_episode_again(level_name: str):
+    level = short(generate(level_name, 2))
     script = script_of(level, played(level, greedy=False))
     assert sum(map(len, script.deciding)) == len(script.course.decisions)
     assert min(TheirPlayer(pathfinder()).play(script)) > 0
@@ -63,6 +63,6 @@ def test_rows_have_both_times(monkeypatch: pytest.MonkeyPatch):
     assert min(number for row in rows for number in (row.ours, row.theirs)) > 0
 
 
-def test_every_difficulty_is_measured(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(bench_policy.torch, "set_num_threads", lambda _: None)
-    assert [comparison.name for comparison in comparisons(worlds=1)] == [f"policy {name}" for name in DIFFICULTIES]
+def test_all_levels_that_ship_are_measured(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(policy.torch, "set_num_threads", lambda _: None)
+    assert [comparison.name for comparison in comparisons(worlds=1)] == [f"policy {name}" for name in shipped()]

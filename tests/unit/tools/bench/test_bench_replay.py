@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from services.learner import bench_replay
+from tools.bench import replay
 from tools.bench.measuring import DisagreementError, measure
 from tools.bench.replay import RIVALS, Ours, adding, drawing, fill, memory, real_transitions
 
@@ -17,7 +17,7 @@ def items():
 
 @pytest.fixture(autouse=True)
 def _brief(monkeypatch):
-    monkeypatch.setattr(bench_replay, "CALLS", 2)
+    monkeypatch.setattr(replay, "CALLS", 2)
 
 
 @pytest.mark.parametrize("prioritized", [False, True])

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from common import bench
+from tools.bench import measuring
 from tools.bench.measuring import Comparison, DisagreementError, Row, Sample, measure, show, timed
 
 
@@ -62,10 +62,10 @@ def run(monkeypatch, capsys):
         monkeypatch.setattr("sys.argv", ["bench", *arguments])
         if code:
             with pytest.raises(SystemExit) as ended:
-                bench.run("A test.", comparisons, worlds=3)
+                measuring.run("A test.", comparisons, worlds=3)
             assert ended.value.code == code
         else:
-            bench.run("A test.", comparisons, worlds=3)
+            measuring.run("A test.", comparisons, worlds=3)
         return capsys.readouterr()
 
     return called
@@ -90,7 +90,7 @@ def test_a_disagreement_is_one_line_and_no_times(run):
     def disagree(_repeat):
         raise DisagreementError("easy 3")
 
-    said = run(lambda **_: [Comparison("one", disagree)], "--json", code=bench.FAILED)
+    said = run(lambda **_: [Comparison("one", disagree)], "--json", code=measuring.FAILED)
     assert said.out == ""
     assert said.err.splitlines()[-1] == "railctl: the two sides differ, so no times are given: easy 3"
 
@@ -104,5 +104,5 @@ def test_a_disagreement_is_one_line_and_no_times(run):
     ],
 )
 def test_wrong_usage_is_one_line(run, arguments, line):
-    said = run(lambda **_: [], *arguments, code=bench.WRONG_USAGE)
+    said = run(lambda **_: [], *arguments, code=measuring.WRONG_USAGE)
     assert (said.out, said.err.splitlines()) == ("", [line])

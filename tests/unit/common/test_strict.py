@@ -1,0 +1,167 @@
+"""One line for whatever is wrong with settings, as users write them: nested, chosen by kind, in lists and mappings."""
+
+from typing import Annotated, Literal
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import Field, Tag, ValidationError, model_validator
+
+from common.strict import Strict, by_kind, describe, flat, nearest, section_of, shortened
+
+
+class Point(Strict):
+    """A section without a kind."""
+
+    x: int = Field(ge=0)
+    y: int = 0
+
+    @model_validator(mode="after")
+    def _y_is_less(self):
+        if self.y > self.x:
+            raise ValueError(f"y {self.y} exceeds x {self.x}: make it less")
+        return self
+
+
+class Round(Strict):
+    kind: Literal["round"] = "round"
+    radius: float = Field(default=1.0, gt=0)
+    centre: Point | None = None
+
+
+class Square(Strict):
+    kind: Literal["square"] = "square"
+    corners: tuple[Point, Point] | None = None
+
+
+Shape = Annotated[Annotated[Round, Tag("round")] | Annotated[Square, Tag("square")], by_kind("round")]
+
+
+class Picture(Strict):
+    """All that settings are made of."""
+
+    title: str
+    shape: Shape = Round()
+    shapes: dict[str, Shape] = Field(default_factory=dict)
+    path: tuple[Point, ...] = ()
+    frame: Round | Square | None = None
+    scales: dict[Annotated[float, Field(gt=0)], Annotated[float, Field(le=1)]] | None = None
+    border: Annotated[float, Field(gt=0, lt=1)] | Annotated[tuple[str, ...], Field(min_length=1)] = 0.5
+
+
+def said(**changes):
+    with pytest.raises(ValidationError) as caught:
+        Picture.model_validate({"title": "t"} | changes)
+    text = describe(caught.value, Picture)
+    assert "\n" not in text
+    return text
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"title": 5}, "title: input should be a valid string, not 5"),
+        (
+            {"titel": 5},
+            "unknown key titel: did you mean title? known are border, frame, path, scales, shape, shapes, title",
+        ),
+        ({"shape": {"radius": 0}}, "shape.radius: input should be greater than 0, not 0"),
+        ({"shape": {"kind": "round", "radius": 0}}, "shape.radius: input should be greater than 0, not 0"),
+        ({"shape": {"radios": 1}}, "unknown key shape.radios: did you mean radius? known are centre, kind, radius"),
+        ({"shape": {"kind": "square", "radius": 1}}, "unknown key shape.radius: known are corners, kind"),
+        ({"shape": {"kind": "sqare"}}, "shape.kind: unknown 'sqare': known are 'round', 'square'"),
+        ({"shape": {"kind": 5}}, "shape.kind: unknown '5': known are 'round', 'square'"),
+        ({"shape": {"centre": 3}}, "shape.centre: input should be a valid dictionary, not 3"),
+        ({"shape": {"centre": {}}}, "shape.centre.x is missing: give it a value"),
+        ({"shape": {"centre": {"x": -1}}}, "shape.centre.x: input should be greater than or equal to 0, not -1"),
+        ({"shape": {"centre": {"x": 1, "z": 1}}}, "unknown key shape.centre.z: known are x, y"),
+        ({"shape": {"centre": {"x": 1, "y": 2}}}, "shape.centre: y 2 exceeds x 1: make it less"),
+        ({"shape": 5}, "shape: input should be a valid dictionary, not 5"),
+        ({"shapes": {"a": {"radius": 0}}}, "shapes.a.radius: input should be greater than 0, not 0"),
+        ({"shapes": {"a": {"kind": "square", "x": 0}}}, "unknown key shapes.a.x: known are corners, kind"),
+        ({"shapes": {"round": {"kind": "oval"}}}, "shapes.round.kind: unknown 'oval': known are 'round', 'square'"),
+        ({"shapes": {5: {}}}, "shapes.5: input should be a valid string, not 5"),
+        (
+            {"shapes": {"a": {"kind": "square", "corners": [{"x": 1}]}}},
+            "shapes.a.corners.1 is missing: give it a value",
+        ),
+        (
+            {"shapes": {"a": {"kind": "square", "corners": [{"x": 1}, {"x": -1}]}}},
+            "shapes.a.corners.1.x: input should be greater than or equal to 0, not -1",
+        ),
+        ({"path": [{"x": 1}, {"x": 1, "z": 2}]}, "unknown key path.1.z: known are x, y"),
+        ({"path": [{"x": 1}, 7]}, "path.1: input should be a valid dictionary, not 7"),
+        ({"scales": {0: 1}}, "scales.0: input should be greater than 0, not 0"),
+        ({"scales": {0.5: 2}}, "scales.0.5: input should be less than or equal to 1, not 2"),
+        ({"scales": 5}, "scales: input should be a valid dictionary, not 5"),
+        ({"border": 2}, "border: input should be less than 1, not 2"),
+    ],
+)
+def test_a_problem_is_one_line_with_field_value_and_remedy(changes, text):
+    assert said(**changes) == text
+
+
+def test_a_problem_of_everything_together_has_no_field():
+    with pytest.raises(ValidationError) as caught:
+        Point(x=1, y=2)
+    assert describe(caught.value, Point) == "y 2 exceeds x 1: make it less"
+
+
+def test_the_first_of_several_problems_is_said():
+    assert said(title=1, shape=2).startswith("title: ")
+
+
+WORDS = st.text("abxy", max_size=3)
+ANYTHING = st.recursive(
+    st.none() | st.integers() | st.floats() | WORDS | st.sampled_from(["round", "square"]),
+    lambda inner: (
+        st.lists(inner, max_size=2)
+        | st.dictionaries(WORDS | st.sampled_from(["kind", "x", "centre"]), inner, max_size=3)
+    ),
+    max_leaves=8,
+)
+
+
+@settings(deadline=None)
+@given(st.sampled_from(sorted(Picture.model_fields)), ANYTHING)
+def test_whatever_is_wrong_is_said_in_one_line_that_begins_with_its_field(field, value):
+    try:
+        Picture.model_validate({"title": "t"} | {field: value})
+    except ValidationError as error:
+        text = describe(error, Picture)
+        assert text.removeprefix("unknown key ").startswith(field)
+        assert "\n" not in text
+
+
+def test_what_does_not_say_its_kind_is_of_the_default_one():
+    found = Picture.model_validate({"title": "t", "shapes": {"a": {}, "b": {"kind": "square"}, "c": Square()}})
+    assert found.shapes == {"a": Round(), "b": Square(), "c": Square()}
+
+
+def test_nearest_lists_what_is_known_even_without_a_near_one():
+    assert nearest("hrad", ["hard", "easy"]) == ": did you mean hard? known are easy, hard"
+    assert nearest("xyz", ["hard", "easy"]) == ": known are easy, hard"
+
+
+def test_the_model_of_a_field():
+    models = {name: section_of(field.annotation) for name, field in Picture.model_fields.items()}
+    assert models == {"title": None, "shape": Round, "shapes": None, "path": None, "frame": Round, "scales": None,
+                      "border": None}  # fmt: skip
+    assert section_of(Shape, "square") is Square
+    assert section_of(Shape, "oval") is Round
+    assert section_of(Round | None) is Round
+
+
+def test_values_are_shown_in_short():
+    assert shortened({"a": 1}) == "{'a': 1}"
+    assert len(shortened(list(range(1000)))) == 80
+    assert shortened("x" * 100).endswith("...")
+
+
+def test_nested_keys_become_dotted_ones():
+    assert flat({"a": {"b": {"c": 1}, "d": [2]}, "e": None, 0.5: {1: 2}}) == {
+        "a.b.c": 1,
+        "a.d": [2],
+        "e": None,
+        "0.5.1": 2,
+    }

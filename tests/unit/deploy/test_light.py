@@ -1,0 +1,34 @@
+"""The command line answers at once: nothing that takes long to import is imported by it, or by configurations."""
+
+import subprocess
+
+import pytest
+
+from common.interpreter import PYTHON
+
+HEAVY = ("torch", "flatland", "numba", "scipy", "matplotlib", "services", "tools")
+
+
+def imported_by(code):
+    """Which of the heavy modules a fresh process has after running this."""
+    ask = f"import sys\n{code}\nprint(*(name for name in {HEAVY} if name in sys.modules))"
+    done = subprocess.run([*PYTHON, "-c", ask], capture_output=True, text=True, check=True)
+    return done.stdout.split()
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import common.config",
+        "import deploy.cli",
+        "import deploy.supervise",
+        "from deploy.resolve import resolve; resolve({'algorithm': 'sil', 'observation': 'global', 'reward': 'delay'})",
+        "from analysis.study import planned_runs",
+    ],
+)
+def test_the_command_line_imports_nothing_heavy(code):
+    assert imported_by(code) == []
+
+
+def test_what_is_heavy_is_noticed():
+    assert imported_by("import scipy.special") == ["scipy"]
