@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgpack._cmsgpack import Packer
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -145,6 +146,51 @@ def test_levels_go_out_and_come_back(railctl, tmp_path: Path):
     expected = [LevelSupply().evaluation("medium", index).content_hash for index in range(2)]
     for groups in (back, direct):
         assert [level.content_hash for level in groups["medium"]] == expected
+
+
+def test_an_import_says_what_every_file_holds_and_what_it_leaves_out(railctl, tmp_path: Path):
+    rails = [[0x0004, 0x0401, 0x0401, 0x0100]]
+    old = {"grid": rails, "agents_static": [[[0, 1], 1, [0, 3], 0, {"speed": 0.5}, {"malfunction_rate": 30}]]}
+    stopped = {"grid": rails, "agents_static": [[[0, 2], 3, [0, 0]]], "actions": [[1]], "max_episode_steps": 30}
+    for name, content in (("old.pkl", old), ("stopped.mpk", stopped)):
+        (tmp_path / name).write_bytes(Packer().pack(content))
+    paths = tmp_path / "old.pkl", tmp_path / "stopped.mpk"
+    output = railctl("import", *paths, "--output", tmp_path / "levels.npz")
+    assert output.splitlines() == [
+        f"{paths[0]}: 1 level of 1x4_1_train",
+        f"{paths[0]}: without a step limit: 44 steps are taken, 8 x (rows + columns + trains / 2)",
+        f"{paths[0]}: left out: malfunction rates of their own of 1 train, as 2.0 had them",
+        f"{paths[1]}: 1 level of 1x4_1_train",
+        f"{paths[1]}: left out: the recorded actions",
+        f"{tmp_path / 'levels.npz'}: 2 levels of 1x4_1_train",
+    ]
+    document = json.loads(railctl("import", *paths, "--output", tmp_path / "levels.npz", "--json"))
+    assert document["groups"] == {"1x4_1_train": 2}
+    assert [(file["file"], len(file["left_out"])) for file in document["files"]] == [
+        (str(paths[0]), 2),
+        (str(paths[1]), 1),
+    ]
+    slow, plain = files.load(tmp_path / "levels.npz")["1x4_1_train"]
+    assert slow.schedule.speeds.tolist() == [[1, 2]]
+    assert (plain.schedule, plain.max_steps) == (None, 30)
+
+
+def test_levels_of_several_shapes_are_gathered_in_groups_of_their_own(railctl, tmp_path: Path):
+    for name in ("easy", "hard"):
+        files.save(tmp_path / f"{name}.npz", {"round": [generate(name, 1)]})
+    paths = tmp_path / "easy.npz", tmp_path / "hard.npz"
+    output = railctl("import", *paths, "--output", tmp_path / "levels.npz")
+    assert output.splitlines()[-1] == (
+        f"{tmp_path / 'levels.npz'}: 1 level of round_25x25_3_trains, 1 level of round_25x25_7_trains"
+    )
+
+
+def test_what_is_no_level_file_is_refused_in_one_line(railctl, tmp_path: Path):
+    path = tmp_path / "text.pkl"
+    path.write_text("text")
+    assert railctl("import", path, "--output", tmp_path / "levels.npz", code=1) == (
+        f"railctl: {path} is neither a pickle nor msgpack of flatland-rl: save it again\n"
+    )
 
 
 def test_training_levels_are_exported_by_run_seed(railctl, tmp_path: Path):
