@@ -127,3 +127,11 @@ def fourth(group: Any, **content: Any) -> dict[str, Any]:
 def waypoint(cell: Any, heading: int | None) -> Saved:
     name = "flatland.envs.rail_trainrun_data_structures.Waypoint"
     return Saved(name, state={"position": cell, "direction": heading})
+
+
+def effects_in_each_other(depth: int, width: int) -> dict[str, Any]:
+    """Each the same that many times: width ** depth to whoever goes through all."""
+    effect: dict[str, Any] = {"cls": "flatland.core.effects_generator.EffectsGenerator"}
+    for _ in range(depth):
+        effect = {"cls": "flatland.core.MultiEffectsGeneratorWrapped", "specs": {"args": [effect] * width}}
+    return effect
