@@ -55,6 +55,8 @@ def up(
         "engine": engine,
         "cluster": {"actors": parse_actors(actors) if actors else None, "cores": cores},
     }
+    if level is not None:
+        given.pop("mix", None)  # options go before the file
     given = merge(merge(given, without_none(options)), parse_sets(settings or []))
     folder, config = prepare(name, given, base)
     if outcome_of(folder)[0] == "finished" and not living(folder):
