@@ -13,12 +13,12 @@ from terminal import run_command
 from adapters.flatland_tools import CheckpointPolicy, StudyObservation, StudyRewards, TrainView
 from common import checkpoint
 from common.checkpoint import CheckpointError
-from common.rules.settings import NetworkConfig
 from common.levels.supply import LevelSupply
 from common.policy.checkpoints import load_policy
 from common.rail.flatland_world import FlatlandEpisode
 from common.rail.normalise import N_FEATURES, normalise
 from common.rail.world import MOVE_FORWARD
+from common.rules.settings import NetworkConfig
 from tools.levels.export import save_pickle
 
 CLASSES = [
