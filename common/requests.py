@@ -13,6 +13,7 @@ from common.strict import Strict
 Reference = Literal["random", "shortest-path", "deadlock-avoidance", "deadlock-avoidance-entering", "planner", "alone"]
 DRAWING: tuple[Reference, ...] = ("random", "planner")  # references that draw
 ORDERS = 50
+EPISODES = 100  # evaluation levels, if no number is given and so many are held out
 
 R = TypeVar("R", bound=Strict)
 
@@ -25,7 +26,7 @@ class LevelChoice(Strict):
         own: distributions of a run file, beside those that everybody knows.
         base: where the paths of their level files start from.
         file: of levels; None: evaluation levels.
-        episodes: evaluation levels of each distribution.
+        episodes: evaluation levels of each distribution; None: 100, or all that are held out if those are fewer.
         seed: of their sequence; 0 is that which all runs are evaluated on.
         bank: where generated levels may lie ready.
     """
@@ -34,7 +35,7 @@ class LevelChoice(Strict):
     own: dict[LevelName, AnyLevels] = Field(default_factory=dict)
     base: Path = Path()
     file: Path | None = None
-    episodes: int = Field(default=100, ge=1)
+    episodes: int | None = Field(default=None, ge=1)
     seed: int = Field(default=0, ge=0)
     bank: Path | None = None
 

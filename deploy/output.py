@@ -8,6 +8,8 @@ from typing import Annotated, Any, NoReturn, ParamSpec
 
 import typer
 from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Table
 
 from common.bus import NoAnswer
 from common.process import NO_ROOM
@@ -19,6 +21,7 @@ from deploy.runs import Failed
 P = ParamSpec("P")
 
 console = Console(highlight=False)
+WIDEST = 1000  # characters
 
 RunName = Annotated[str | None, typer.Argument(metavar="RUN", help="Name or folder of the run; default: the newest.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
@@ -30,6 +33,14 @@ def say(text: str, document: Any, *, as_json: bool) -> None:
         print(json.dumps(document, indent=2))
     else:
         console.print(text, markup=False, soft_wrap=True)
+
+
+def print_table(table: Table) -> None:
+    """Print a table without losing a column: wider than a narrow terminal if it must be, in a file as wide as it is."""
+    need = Measurement.get(console, console.options.update(width=WIDEST), table)
+    wanted = need.minimum if console.is_terminal else need.maximum
+    wide = Console(file=console.file, width=max(console.width, wanted), force_terminal=console.is_terminal)
+    wide.print(table)
 
 
 def counted(number: int, noun: str) -> str:

@@ -269,11 +269,11 @@ def merge(below: Mapping[str, Any], above: Mapping[str, Any], path: str = "") ->
     result = dict(below)
     for key, value in above.items():
         under = result.get(key)
-        if isinstance(value, dict) and under is not None and not isinstance(under, dict):
-            both = f"{shortened(under, 30)} and {shortened(value, 30)}"
-            raise ConfigError(f"{path}{key}: cannot be both {both}: give one of them")
-        if isinstance(under, dict) and isinstance(value, dict):
+        if not isinstance(value, dict) or under is None:
+            result[key] = value
+        elif isinstance(under, dict):
             result[key] = merge(under, value, f"{path}{key}.")
         else:
-            result[key] = value
+            both = f"{shortened(under, 30)} and {shortened(value, 30)}"
+            raise ConfigError(f"{path}{key}: cannot be both {both}: give one of them")
     return result

@@ -80,7 +80,7 @@ def named_table(*headings: str) -> Table:
 
 
 def _whole(headings: Sequence[str]) -> list[Column]:
-    return [Column(heading, overflow="fold") for heading in headings]
+    return [Column(heading, overflow="fold", min_width=len(heading)) for heading in headings]
 
 
 def process_table(status: Status) -> Table:

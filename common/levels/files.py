@@ -17,6 +17,7 @@ from fractions import Fraction
 from math import lcm
 from pathlib import Path
 from typing import Any
+from zipfile import ZipInfo
 
 import numpy as np
 from numpy.lib.npyio import NpzFile
@@ -36,6 +37,9 @@ COLUMNS = {  # of a schedule
 }
 LARGEST_SIDE = 4096
 MOST_STEPS = 100_000_000
+MOST_TRAINS = 10_000
+MOST_LEVELS = 500_000  # of a group
+MOST_ARRAY_BYTES = 1 << 30  # unpacked: a small file may announce any size
 
 Groups = dict[str, list[Level]]
 
@@ -58,6 +62,8 @@ class StoredArrays(Mapping[str, NDArray[Any]]):
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name not in self:
             raise KeyError(name)
+        if sum(entry.file_size for entry in self._entries(name)) > MOST_ARRAY_BYTES:
+            raise LevelFileError(f"{self._path}: the array {name} has over {MOST_ARRAY_BYTES} bytes: split the file")
         try:
             array = self._file[name]
         except Exception as error:  # noqa: BLE001  (numpy passes on whatever its parsers raise)
@@ -69,6 +75,10 @@ class StoredArrays(Mapping[str, NDArray[Any]]):
         if not isinstance(array, np.ndarray):
             raise LevelFileError(f"{self._path}: {name} is no array: save it with numpy")
         return array
+
+    def _entries(self, name: str) -> Iterator[ZipInfo]:
+        if self._file.zip is not None:
+            yield from (entry for entry in self._file.zip.infolist() if entry.filename in {name, f"{name}.npy"})
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)
@@ -140,8 +150,9 @@ def load(path: Path) -> Groups:
     Raises:
         LevelFileError: the file cannot be read, or something in it is no level.
     """
+    ours = GRID, AGENTS, MAX_STEPS, SCHEDULED, MALFUNCTIONS, *COLUMNS.values()
     with opened(path) as stored:
-        arrays = dict(stored)
+        arrays = {name: stored[name] for name in stored if name.endswith(ours)}
     names = [key.removesuffix(GRID) for key in arrays if key.endswith(GRID)]
     if not names:
         raise LevelFileError(f"{path} has no array named <group>{GRID}, so it holds no levels")
@@ -157,6 +168,11 @@ def _group(path: Path, name: str, arrays: Mapping[str, NDArray[Any]]) -> list[Le
         raise LevelFileError(f"{path}: the arrays of {name} must hold integers")
     if grids.ndim != 3 or agents.shape != (len(grids), *agents.shape[1:2], 5) or limits.shape != grids.shape[:1]:
         raise LevelFileError(f"{path}: the arrays of {name} do not have shapes [K, H, W], [K, N, 5] and [K]")
+    if len(grids) > MOST_LEVELS:
+        raise LevelFileError(f"{path}: {name} has {len(grids)} levels, {MOST_LEVELS} are the most of a group: split it")
+    for array, bits in ((grids, 16), (agents, 31), (limits, 31)):
+        if array.size and (array.min() < 0 or int(array.max()) >= 1 << bits):
+            raise LevelFileError(f"{path}: the arrays of {name} hold numbers below 0 or beyond {bits} bits")
     levels = []
     schedules = _schedules(path, name, arrays, len(grids), agents.shape[1])
     for index, (grid, trains, limit) in enumerate(zip(grids, agents, limits, strict=True)):
@@ -211,6 +227,8 @@ def problem_with(level: Level) -> str | None:
         return f"a grid of {height}x{width}"
     if level.n_trains == 0:
         return "no trains"
+    if level.n_trains > MOST_TRAINS:
+        return f"{level.n_trains} trains: {MOST_TRAINS} are the most"
     if not 1 <= level.max_steps <= MOST_STEPS:
         return f"a step limit of {level.max_steps}"
     problems = (_problem_with_train(level, train) for train in range(level.n_trains))

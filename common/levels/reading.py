@@ -9,6 +9,7 @@ from common.levels.flatland.reading import read_level
 from common.levels.level import Level
 
 ARCHIVE = b"PK"  # begins a .npz file, whatever it is called
+DOCUMENTS = {*range(0x80, 0x90), 0xDE, 0xDF}  # begin a pickle, and a dictionary in msgpack
 
 
 class ReadFile(NamedTuple):
@@ -29,7 +30,8 @@ def read(path: Path) -> ReadFile:
     Raises:
         LevelFileError: it cannot be read, or something in it is no level.
     """
-    if path.suffix == ".npz" or _begins_as_archive(path):
+    begin = _beginning(path)
+    if begin == ARCHIVE or (path.suffix == ".npz" and begin[:1] not in {bytes([first]) for first in DOCUMENTS}):
         return ReadFile(files.load(path), [])
     found = read_level(path)
     return ReadFile({shape_name(found.level): [found.level]}, found.left_out)
@@ -41,9 +43,9 @@ def shape_name(level: Level) -> str:
     return f"{height}x{width}_{level.n_trains}_train{'' if level.n_trains == 1 else 's'}"
 
 
-def _begins_as_archive(path: Path) -> bool:
+def _beginning(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
-            return file.read(len(ARCHIVE)) == ARCHIVE
+            return file.read(len(ARCHIVE))
     except OSError:
-        return False
+        return b""

@@ -6,17 +6,17 @@ from typing import Annotated, Any
 import typer
 
 from common.levels.bank import bank_root
-from common.requests import LevelChoice, ReferenceRequest, ScoreRequest
+from common.requests import EPISODES, LevelChoice, ReferenceRequest, ScoreRequest
 from common.strict import ConfigError
 from deploy.commands.references import REFERENCE_SCORER, REFERENCES, check_reference, found_checkpoint, heading
 from deploy.levels import levels_of_run_file
-from deploy.output import AsJson, console, one_line_errors, say
+from deploy.output import AsJson, console, one_line_errors, print_table, say
 from deploy.runs import runs_root
 from deploy.show import score_table
 from deploy.task import run_task
 
 SCORER = "services.evaluator.score"
-EPISODES, SEED = 100, 0
+SEED = 0
 
 
 @one_line_errors
@@ -37,7 +37,9 @@ def evaluate(
             "repeated; default: what it was trained on, for a reference policy all that ship, or all groups."
         ),
     ] = None,
-    episodes: Annotated[int | None, typer.Option(help=f"Evaluation levels of each; default: {EPISODES}.")] = None,
+    episodes: Annotated[
+        int | None, typer.Option(help=f"Evaluation levels of each; default: {EPISODES}, or all there are.")
+    ] = None,
     seed: Annotated[
         int | None,
         typer.Option(help="Of the levels; default: 0, whose levels all runs are evaluated on."),
@@ -77,7 +79,7 @@ def evaluate(
         own=levels_of_run_file(file) if file else {},
         base=file.parent.resolve() if file else Path(),
         file=levels,
-        episodes=episodes or EPISODES,
+        episodes=episodes,
         seed=seed or SEED,
         bank=bank_root(runs_root()),
     )
@@ -88,7 +90,7 @@ def evaluate(
     )
     say(heading(result), result, as_json=as_json)
     if not as_json:
-        console.print(score_table(result["rows"]))
+        print_table(score_table(result["rows"]))
         console.print("return: normalised, mean over levels; low, high: its 95% interval (bootstrap)")
         if seed and levels is None and not is_reference:
             console.print(f"training may know rails of the levels of seed {seed}; those of seed 0 it never sees")

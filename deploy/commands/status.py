@@ -2,7 +2,7 @@
 
 from common.bus import NoAnswer
 from deploy.follow import live_status, status_from_files
-from deploy.output import AsJson, RunName, console, one_line_errors
+from deploy.output import AsJson, RunName, console, one_line_errors, print_table
 from deploy.runs import find_run, reach
 from deploy.show import process_table, progress_line
 
@@ -21,6 +21,6 @@ def status(run: RunName = None, as_json: AsJson = False) -> None:
         return
     console.print(f"{found.run}: {progress_line(found)}", markup=False, soft_wrap=True)
     if found.processes:
-        console.print(process_table(found))
+        print_table(process_table(found))
     for problem in found.problems:
         console.print(f"! {problem}", markup=False, soft_wrap=True)

@@ -15,7 +15,7 @@ from deploy.commands.scale import scale_to
 from deploy.follow import outcome_of
 from deploy.launch import check_existing, check_new, fresh_name, new_run, save_config, start_supervisor
 from deploy.levels import prepare_levels, read_own
-from deploy.output import console, counted, one_line_errors
+from deploy.output import console, counted, one_line_errors, print_table
 from deploy.resolve import algorithms, merge, parse_actors, parse_sets, read_file, resolve, resolve_existing
 from deploy.runs import Failed, runs_root, supervised
 from deploy.show import summary
@@ -55,6 +55,8 @@ def up(
         "engine": engine,
         "cluster": {"actors": parse_actors(actors) if actors else None, "cores": cores},
     }
+    if level is not None:
+        given.pop("mix", None)  # options go before the file
     given = merge(merge(given, without_none(options)), parse_sets(settings or []))
     folder, config = prepare(name, given, base)
     if outcome_of(folder)[0] == "finished" and not living(folder):
@@ -114,7 +116,7 @@ def conclude(folder: RunFolder) -> None:
     outcome, reason = outcome_of(folder)
     episodes = read_rows(folder.episodes_file, EpisodeRow)
     if episodes:
-        console.print(summary(episodes, read_rows(folder.evaluations_file, EvaluationRow)))
+        print_table(summary(episodes, read_rows(folder.evaluations_file, EvaluationRow)))
         console.print(f"curve    {folder.curve_file}", markup=False, soft_wrap=True)
     console.print(f"run      {folder.path}", markup=False, soft_wrap=True)
     if outcome == "failed":

@@ -11,7 +11,7 @@ import numpy as np
 from analysis.statistics import mean_interval
 from common.checkpoint import CheckpointError
 from common.levels.chunks import BankError
-from common.levels.distributions import AnyLevels, Rules, shipped
+from common.levels.distributions import AnyLevels, LevelFiles, Rules, shipped
 from common.levels.files import LevelFileError
 from common.levels.level import Level
 from common.levels.own import LEVELS
@@ -20,7 +20,7 @@ from common.levels.supply import LevelSupply
 from common.policy.checkpoints import SavedPolicy, load_policy
 from common.policy.compiled import Twin
 from common.policy.player import player
-from common.requests import LevelChoice, ScoreRequest, asked
+from common.requests import EPISODES, LevelChoice, ScoreRequest, asked
 from common.strict import ConfigError, nearest
 from common.task import Teller, carry_out, say
 from services.evaluator.runner import Policy, Score, UnplayableLevelError, evaluate, greedy, sampled
@@ -105,15 +105,7 @@ def drawn(choice: LevelChoice, known: Mapping[str, AnyLevels], names: Sequence[s
     Raises:
         ConfigError: there is no such distribution, or training may have seen some of its levels.
     """
-    for name in names:
-        if name not in known:
-            raise ConfigError(f"--level {name!r}{nearest(name, list(known))}")
-        count = known[name].evaluation_levels
-        if choice.seed == 0 and choice.episodes > count:
-            raise ConfigError(
-                f"--episodes {choice.episodes}: {count} evaluation levels of {name} are kept from training: use no "
-                "more, or another --seed, whose rails training may know"
-            )
+    counts = {name: levels_to_play(choice, name, known) for name in names}
 
     def supply_for(name: str) -> LevelSupply:
         """Of a run file's level files there are no copies, even if the run has some under the same name."""
@@ -125,12 +117,36 @@ def drawn(choice: LevelChoice, known: Mapping[str, AnyLevels], names: Sequence[s
         Group(
             name,
             known[name].rules,
-            map(partial(supply_for(name).evaluation, name, sequence=choice.seed), range(choice.episodes)),
-            choice.episodes,
+            map(partial(supply_for(name).evaluation, name, sequence=choice.seed), range(count)),
+            count,
             known[name].bounds.trains,
         )
-        for name in names
+        for name, count in counts.items()
     ]
+
+
+def levels_to_play(choice: LevelChoice, name: str, known: Mapping[str, AnyLevels]) -> int:
+    """How many evaluation levels of a distribution.
+
+    Raises:
+        ConfigError: there is no such distribution, or training may have seen some of so many levels.
+    """
+    if name not in known:
+        raise ConfigError(f"--level {name!r}{nearest(name, list(known))}")
+    levels, wanted = known[name], choice.episodes
+    if isinstance(levels, LevelFiles) and choice.seed:
+        raise ConfigError(f"--seed {choice.seed}: {name} comes out of files, which have no other levels: leave it out")
+    if choice.seed:
+        return wanted or EPISODES
+    if wanted is not None and wanted > levels.evaluation_levels:
+        remedy = "use no more"
+        if not isinstance(levels, LevelFiles):
+            remedy += ", or another --seed, whose rails training may know"
+        raise ConfigError(
+            f"--episodes {wanted}: {levels.evaluation_levels} evaluation levels of {name} are kept from training: "
+            f"{remedy}"
+        )
+    return wanted or min(EPISODES, levels.evaluation_levels)
 
 
 def recorded(path: Path, names: Sequence[str] | None, rules: set[Rules]) -> Iterator[Group]:

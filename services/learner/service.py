@@ -7,7 +7,6 @@ from common.bus import Question
 from common.checkpoint import Tensors
 from common.inbox import Inbox
 from common.process import Fatal, ServiceContext
-from common.rail.normalise import N_FEATURES
 from common.records.acting import Fragment, LeaseAnswer, LeaseRequest, Weights, WeightsRequest
 from common.records.checkpoints import CheckpointFile, CheckpointNotice, CheckpointRequest
 from common.records.control import CommandAnswer, Empty, LearnerCommand
@@ -51,7 +50,7 @@ class Learner:
         self._account = Account(self._archive.rows, time.monotonic())
         self._desk: Desk[LeaseQuestion] = Desk(
             Schedule.of(self._config),
-            N_FEATURES,
+            self._config.world.n_features,
             Start(self._archive.snapshot, self._archive.version, self._account.steps, fragments),
         )
         self._telemetry = Telemetry(context.folder, self._archive.snapshot)

@@ -3,16 +3,17 @@
 import numpy as np
 import pytest
 
-from common.config import DIFFICULTIES, NetworkConfig
 from common.levels.supply import LevelSupply
 from common.policy.actor_critic import build_actor_critic
 from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters
-from common.policy.player import MAX_TRAINS, Acting, network_layout, play, player
+from common.policy.player import Acting, compiled_world, network_layout, play, player
 from common.policy.recurrent import build_recurrent_network
 from common.policy.rollout import Rollouts
 from common.records.acting import digest_of
 from common.records.course import Course, Decisions
+from common.rules.settings import NetworkConfig
+from common.world import study_world
 
 ENGINES = ("compiled", "flatland")
 BUILDS = {
@@ -23,9 +24,14 @@ BUILDS = {
 }
 
 
+def study_player(engine, trains=7, **options):
+    """What plays the study's levels."""
+    return player(engine, study_world(), "legacy", trains, **options)
+
+
 def twin_of(kind, seed):
     config = NetworkConfig(kind=kind)
-    twin = Twin(network_layout(config))
+    twin = Twin(network_layout(config, 252))
     twin.load(export_parameters(BUILDS[kind](config, 252, 5, seed)))
     return twin
 
@@ -35,12 +41,12 @@ def same(ours, theirs):
 
 
 @pytest.mark.parametrize("kind", BUILDS)
-@pytest.mark.parametrize("difficulty", DIFFICULTIES)
+@pytest.mark.parametrize("difficulty", ["easy", "medium", "hard"])
 def test_both_engines_play_the_same_episode(difficulty, kind):
     acting = Acting(twin_of(kind, seed=3), epsilon=0.3, key=77)
     for seed in range(2):
         level = LevelSupply().training(difficulty, seed)
-        compiled, flatland = (play(player(engine, MAX_TRAINS), level, acting) for engine in ENGINES)
+        compiled, flatland = (play(study_player(engine), level, acting) for engine in ENGINES)
         assert same(compiled, flatland)
         assert (
             (kind == "actor-critic")
@@ -53,17 +59,20 @@ def test_both_engines_play_the_same_episode(difficulty, kind):
 @pytest.mark.parametrize("greedy", [False, True])
 def test_greedy_episodes_look_at_no_draw(greedy):
     twin, level = twin_of("actor-critic", seed=5), LevelSupply().training("easy", 1)
-    one, other = (play(Rollouts(MAX_TRAINS), level, Acting(twin, key=key, greedy=greedy)) for key in (1, 2))
+    one, other = (
+        play(Rollouts(compiled_world(study_world(), "legacy", 7)), level, Acting(twin, key=key, greedy=greedy))
+        for key in (1, 2)
+    )
     assert same(one, other) == greedy
 
 
 def test_an_episode_does_not_depend_on_those_before_it():
     acting = Acting(twin_of("dueling", seed=4), epsilon=0.5, key=9)
     levels = [LevelSupply().training(name, 5) for name in ("hard", "easy", "medium")]
-    one = Rollouts(MAX_TRAINS)
+    one = Rollouts(compiled_world(study_world(), "legacy", 7))
     in_turn = [play(one, level, acting) for level in levels]
     for level, recording in zip(levels, in_turn, strict=True):
-        assert same(recording, play(Rollouts(MAX_TRAINS), level, acting))
+        assert same(recording, play(Rollouts(compiled_world(study_world(), "legacy", 7)), level, acting))
 
 
 @pytest.mark.parametrize("kind", ["recurrent", "actor-critic"])
@@ -72,9 +81,11 @@ def test_an_episode_noted_piece_by_piece_is_the_same(kind, room):
     acting = Acting(twin_of(kind, seed=6), epsilon=0.4, key=3)
     level = LevelSupply().training("medium", 2)
     begun = []
-    pieces = play(Rollouts(MAX_TRAINS, lambda: begun.append(None), **room), level, acting)
+    pieces = play(
+        Rollouts(compiled_world(study_world(), "legacy", 7), lambda: begun.append(None), **room), level, acting
+    )
     assert len(begun) > 10
-    assert same(pieces, play(Rollouts(MAX_TRAINS), level, acting))
+    assert same(pieces, play(Rollouts(compiled_world(study_world(), "legacy", 7)), level, acting))
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -82,15 +93,15 @@ def test_an_episode_noted_piece_by_piece_is_the_same(kind, room):
 def test_fragments_joined_are_the_whole_episode_even_if_each_has_another_player(kind, engine):
     acting = Acting(twin_of(kind, seed=6), epsilon=0.4, key=3)
     level = LevelSupply().training("medium", 2)
-    whole = play(player(engine, MAX_TRAINS), level, acting)
-    one = player(engine, MAX_TRAINS)
+    whole = play(study_player(engine), level, acting)
+    one = study_player(engine)
     one.begin(level)
     states = acting.twin.zero_state(level.n_trains)
     parts: list[Course] = []
     while not (parts and parts[-1].over):
         if len(parts) % 2:  # another player takes over
-            one = player(engine, MAX_TRAINS)
-            one.begin(level, np.concatenate([part.decisions.actions for part in parts]), parts[-1].last_step)
+            one = study_player(engine)
+            one.begin(level, 0, np.concatenate([part.decisions.actions for part in parts]), parts[-1].last_step)
             states = parts[-1].states.copy()
         parts.append(one.advance(acting, states, steps=17))
     assert len(parts) > 2
@@ -106,7 +117,7 @@ def test_fragments_joined_are_the_whole_episode_even_if_each_has_another_player(
 @pytest.mark.parametrize("change", [-1, 1])
 def test_actions_that_do_not_fit_are_refused(engine, change):
     level = LevelSupply().training("easy", 3)
-    first = play(player(engine, MAX_TRAINS), level, Acting(twin_of("plain", seed=1)))
+    first = play(study_player(engine), level, Acting(twin_of("plain", seed=1)))
     count = int((first.decisions.times < 20).sum()) + change
     with pytest.raises(ValueError, match=f"{count} actions do not fit the first 20 steps"):
-        player(engine, MAX_TRAINS).begin(level, first.decisions.actions[:count], 20)
+        study_player(engine).begin(level, 0, first.decisions.actions[:count], 20)

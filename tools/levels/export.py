@@ -1,6 +1,7 @@
 """Writing levels as flatland-rl's own .pkl files, so that its tools can play them (under its rules of today).
 
-Every train may depart at once and has until the step limit; speed 1, no malfunctions.
+Speeds, windows, malfunctions and the headings that count at targets go along. Without a schedule every train runs at 1,
+may depart at once and has until the step limit.
 """
 
 import random
@@ -9,6 +10,7 @@ from pathlib import Path
 from flatland.core.env_observation_builder import DummyObservationBuilder
 from flatland.envs.persistence import RailEnvPersister
 
+from common.levels.legacy import forget_rails
 from common.levels.level import Level
 from common.rail.plain_env import plain_environment
 
@@ -19,6 +21,7 @@ def save_pickle(path: Path, level: Level) -> None:
     try:
         env = plain_environment(level, DummyObservationBuilder(), random_seed=0)  # type: ignore[no-untyped-call]
         env.reset()
+        RailEnvPersister.save(env, path)
     finally:
         random.setstate(state)
-    RailEnvPersister.save(env, path)
+        forget_rails()

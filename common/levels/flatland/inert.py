@@ -26,7 +26,7 @@ MOST_PARTS = 3_000_000  # that a file is made of: some take a hundred times the 
 MOST_NAMES = 1000  # of classes
 MOST_FIELDS = 8  # of a dictionary that stands for a number or an array
 DEEPEST_KEY = 4  # tuples in each other, as keys
-FRACTION = re.compile(r"^(-?\d{1,18})(?:/(\d{1,18}))?$")
+FRACTION = re.compile(r"(-?[0-9]{1,18})(?:/([0-9]{1,18}))?")
 NUMBERS = {  # numpy's types, as struct reads them
     "i1": "b",
     "i2": "h",
@@ -210,7 +210,7 @@ def number(value: Any) -> int | float | Fraction:
             return _fraction(value.arguments)
         if value.is_called == "scalar" and len(value.arguments) == 2:
             kind, data = value.arguments
-            return _decoded(_kind(kind), data)
+            return _decoded(_kind(kind), _latin(data))
         if len(value.arguments) == 1 and isinstance(value.arguments[0], int):  # an enum's member
             return int(value.arguments[0])
     raise NotPlainError("something is no number")
@@ -285,7 +285,7 @@ def _latin(data: Any) -> Any:
 def _fraction(arguments: tuple[Any, ...]) -> Fraction:
     """Of its text, or since Python 3.12 of its two numbers."""
     text = "/".join(map(str, arguments)) if all(type(part) is int for part in arguments[:2]) else arguments[0]
-    match = FRACTION.match(text) if isinstance(text, str) and len(arguments) <= 2 else None
+    match = FRACTION.fullmatch(text) if isinstance(text, str) and len(arguments) <= 2 else None
     if match is None or (match[2] is not None and int(match[2]) == 0):
         raise NotPlainError("a fraction that is none")
     return Fraction(int(match[1]), int(match[2] or 1))

@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.levels.files import LARGEST_SIDE, MOST_STEPS, LevelFileError, problem_with
+from common.levels.files import LARGEST_SIDE, MOST_STEPS, MOST_TRAINS, LevelFileError, problem_with
 from common.levels.flatland.effects import malfunctions
 from common.levels.flatland.inert import MOST_BYTES, NotPlainError, sequence, table, unpacked, unpickled, whole
 from common.levels.flatland.trains import Train, static_train, train_of
 from common.levels.level import Level, Malfunctions, Schedule
 from common.levels.plain import is_plain, usable_headings
 
-MOST_TRAINS = 10_000
 MOST_CELLS = 1_000_000
 NO_CITIES = 2  # as many are assumed
 PICKLES = range(2, 6)  # protocols

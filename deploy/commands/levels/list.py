@@ -7,7 +7,7 @@ from rich.table import Table
 from common.levels.distributions import AnyLevels, LevelFiles, StockLevels
 from deploy.commands.levels.options import RunFile
 from deploy.levels import known_levels
-from deploy.output import AsJson, console, one_line_errors, say
+from deploy.output import AsJson, one_line_errors, print_table, say
 
 COLUMNS = ("name", "rules", "size", "trains", "cities", "speeds", "malfunctions", "timetable", "held out")
 
@@ -21,10 +21,11 @@ def list_(file: RunFile = None, as_json: AsJson = False) -> None:
         return
     table = Table(box=None, pad_edge=False)
     for column in COLUMNS:
-        table.add_column(column, justify="right" if column in {"trains", "cities", "held out"} else "left")
+        is_number = column in {"trains", "cities", "held out"}
+        table.add_column(column, justify="right" if is_number else "left", no_wrap=True)
     for row in rows:
         table.add_row(*_cells(row))
-    console.print(table)
+    print_table(table)
 
 
 def _row(name: str, levels: AnyLevels) -> dict[str, Any]:
@@ -54,34 +55,17 @@ def _row(name: str, levels: AnyLevels) -> dict[str, Any]:
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
-    """A row as people read it; what the files of a distribution hold of speeds and the like differs by level."""
+    """A row as people read it; of files, sizes are those of the largest level."""
     size = f"{row['size'][0]}x{row['size'][1]}"
+    head = [row["name"], row["rules"], size, str(row["trains"])]
     if "files" in row:
-        return [
-            row["name"],
-            row["rules"],
-            f"<= {size}",
-            f"<= {row['trains']}",
-            "",
-            *["as in its files"] * 3,
-            str(row["held_out"]),
-        ]
-    speeds = (
-        "1" if row["speeds"] is None else ", ".join(f"{speed}: {part:.0%}" for speed, part in row["speeds"].items())
-    )
-    broken = row["malfunctions"]
-    malfunctions = (
-        "none" if broken is None else f"{broken['rate']:g}, {broken['min_steps']}-{broken['max_steps']} steps"
-    )
-    timetable = "yes" if row["timetable"] else "no"
+        return [*head, "", *["files say"] * 3, str(row["held_out"])]
+    speeds, broken = row["speeds"] or {"1": 1.0}, row["malfunctions"]
     return [
-        row["name"],
-        row["rules"],
-        size,
-        str(row["trains"]),
+        *head,
         str(row["cities"]),
-        speeds,
-        malfunctions,
-        timetable,
+        ", ".join(speed if part == 1 else f"{part:.0%} {speed}" for speed, part in speeds.items()),
+        "no" if broken is None else f"{broken['rate']:g} ({broken['min_steps']}-{broken['max_steps']})",
+        "yes" if row["timetable"] else "no",
         str(row["held_out"]),
     ]

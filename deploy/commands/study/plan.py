@@ -9,7 +9,7 @@ from rich.table import Table
 from analysis.study import Study, StudyFolder
 from common.levels.bank import bank_root
 from deploy.commands.study.options import Cores, OtherName, StudyName
-from deploy.output import AsJson, console, one_line_errors
+from deploy.output import AsJson, console, one_line_errors, print_table
 from deploy.runs import Failed, runs_root
 from deploy.show import duration
 from deploy.study.described import configurations, find_study, named
@@ -81,4 +81,4 @@ def _print(study: Study, document: dict[str, Any], cores: int) -> None:
         source = "a run of it" if cell["measured_on"] == "run" else f"{calibration_of(study).episodes} episodes"
         took = (f"{cell['episode_s'] * 1000:.0f}", duration(cell["run_s"]), source)
         table.add_row(cell["contender"], cell["level"], *took)
-    console.print(table)
+    print_table(table)

@@ -2,7 +2,7 @@
 
 from analysis.study import StudyFolder
 from deploy.commands.study.options import Cores, OtherName, StudyName
-from deploy.output import console, one_line_errors
+from deploy.output import console, one_line_errors, print_table
 from deploy.runs import Failed, runs_root
 from deploy.study.described import configurations, find_study, named, save_study
 from deploy.study.progress import Looking, report_of
@@ -26,7 +26,7 @@ def run(name: StudyName, cores: Cores = None, other_name: OtherName = None) -> N
             console.print(f"stopped; {goes_on}", markup=False, soft_wrap=True)
             return
     progress = Looking(folder, study).look()
-    console.print(cell_table(progress))
+    print_table(cell_table(progress))
     console.print(f"{study.name}: {headline(progress, None)}", markup=False, soft_wrap=True)
     console.print(f"study    {folder.path}", markup=False, soft_wrap=True)
     if (report := report_of(folder)) is not None and not mind.stopping:

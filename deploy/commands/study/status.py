@@ -6,7 +6,7 @@ from analysis.study import StudyFolder, read_study
 from common.folder import RunFolder
 from common.locks import holder
 from deploy.commands.study.options import StudyName
-from deploy.output import AsJson, console, one_line_errors
+from deploy.output import AsJson, console, one_line_errors, print_table
 from deploy.study.described import find_folder
 from deploy.study.estimate import measured, seconds_left
 from deploy.study.progress import COMMAND, Looking, StudyProgress, status_document
@@ -27,7 +27,7 @@ def status(name: StudyName, as_json: AsJson = False) -> None:
     pid = holder(folder, COMMAND)
     going = "" if pid is None else f" (process {pid})"
     console.print(f"{study.name}{going}: {headline(progress, left)}", markup=False, soft_wrap=True)
-    console.print(cell_table(progress))
+    print_table(cell_table(progress))
     if progress.references:
         console.print(f"references: {sum(progress.references.values())} of {len(progress.references)} scored")
     for run, reason in progress.failures.items():

@@ -154,11 +154,24 @@ def test_what_is_wrong_with_a_new_run_is_one_line_and_nothing_is_made(root, tmp_
         ("- easy", "run.yaml holds no keys: write for example 'algorithm: dddqn'"),
         ("episods: 5", "unknown key episods: did you mean episodes?"),
         ("mix: {easy: 0.5, hard: 0.25}", "the shares of mix add up to 0.75: make it 1"),
+        ("level: rush", "unknown level 'rush': known are easy, hard, medium"),
+        ("level: rush\nlevels: {rush: {rules: stock}}", "levels.rush.size is missing: give it a value"),
+        (
+            "level: rush\nlevels: {rush: {size: [9, 9]}}",
+            "levels.rush: say rules: legacy or rules: stock, or give files",
+        ),
+        ("levels: {easy: {rules: stock}}", "levels.easy: these levels ship with the project, give yours another name"),
+        ("observation: gloval", "observation.kind: unknown 'gloval': known are "),
+        ("reward: {kind: study, bonus: 1}", "unknown key reward.bonus: "),
+        ("decisions: often", "decisions: input should be 'cells', 'legacy' or 'always', not 'often'"),
+        ("algorithm: ppo\nreplay: prioritized", "replay: rule ppo has no use for it, leave it out"),
+        ("dqn: {learning_rate: {x: 1}}", "dqn.learning_rate: cannot be both 0.0003 and {'x': 1}: give one of them"),
+        ("cluster: 5", "cluster: cannot be both 5 and {'cores': 1}: give one of them"),
     ],
 )
 def test_what_is_wrong_with_a_run_file_is_one_line(root, content, text):
     Path("run.yaml").write_text(content)
-    assert complaint(WRONG_USAGE, "up", "-f", "run.yaml").startswith(text)
+    assert complaint(WRONG_USAGE, "up", "-f", "run.yaml", "--cores", "1").startswith(text)
     assert not root.exists()
 
 
@@ -236,6 +249,24 @@ def test_up_makes_a_run_of_preset_file_options_and_settings(root, started):
     assert (config.episodes, config.seed, config.learning.discount, config.learning.dqn.batch_size) == (7, 6, 0.75, 9)
     assert (config.mix, config.cluster.actors, config.learning.network.hidden) == ({"hard": 1.0}, {"hard": 2}, (8,))
     assert yaml.safe_load(folder.config_file.read_text())["dqn"]["learn_every_steps"] == 30  # all is resolved
+
+
+def test_up_makes_a_run_of_a_world_of_ones_own(root, started):
+    Path("run.yaml").write_text(
+        "levels:\n"
+        "  rush-hour: {rules: stock, size: [40, 30], trains: 20, cities: 4, speeds: {1: 0.5, 0.5: 0.5},\n"
+        "              malfunctions: {rate: 0.002, min_steps: 20, max_steps: 50}}\n"
+        "mix: {easy: 0.5, rush-hour: 0.5}\nobservation: {kind: tree, depth: 1}\ndecisions: always\nreward: delay\n"
+    )
+    output("up", "-f", "run.yaml", "--name", "one", "--detach", "--actors", "rush-hour=2,easy=1", "--cores", "1")
+    [(folder, config)] = started
+    assert folder.config() == config
+    assert config.world.bounds == (40, 30, 20)
+    assert config.world.levels["rush-hour"].speeds == {1.0: 0.5, 0.5: 0.5}
+    assert (config.world.decisions, config.world.reward.kind, config.world.n_features) == ("always", "delay", 60)
+    assert config.cluster.actors == {"easy": 1, "rush-hour": 2}
+    output("up", "-f", "run.yaml", "--name", "one", "--detach")  # goes on
+    assert started[1][1].science == config.science
 
 
 def test_up_gives_a_run_a_name(root, started):

@@ -5,16 +5,38 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgpack._cmsgpack import Packer
 from PIL import Image
 from typer.testing import CliRunner
 
 from common.levels import files
 from common.levels.bank import LevelBank
+from common.levels.chunks import key_of
+from common.levels.distributions import StockLevels
+from common.levels.generate import generate as generate_any
 from common.levels.shipped import generate
 from common.levels.supply import LevelSupply
 from common.seeding import evaluation_level_seed, training_level_seed
 from deploy.cli import app
 
+RUN_FILE = """
+levels:
+  rush: {rules: stock, size: [20, 24], trains: 4, cities: 2, held_out: 3, speeds: {1: 0.5, 0.5: 0.5},
+         malfunctions: {rate: 0.002, min_steps: 20, max_steps: 50}}
+  mine: {files: "*.npz", evaluation: 0.5}
+mix: {rush: 0.5, mine: 0.5}
+"""
+RUSH = StockLevels.model_validate(
+    {
+        "rules": "stock",
+        "size": [20, 24],
+        "trains": 4,
+        "cities": 2,
+        "held_out": 3,
+        "speeds": {1: 0.5, 0.5: 0.5},
+        "malfunctions": {"rate": 0.002, "min_steps": 20, "max_steps": 50},
+    }
+)
 RECORDINGS = Path(__file__).parents[2] / "parity" / "data" / "flatland222_episodes_small.npz"
 
 
@@ -98,7 +120,7 @@ def test_what_holds_no_recordings_is_refused_in_one_line(railctl, tmp_path: Path
         f"railctl: {path} holds levels, not recordings of episodes: railctl levels show draws them\n"
     )
     assert railctl("verify", path, "--sample", 3, code=2) == (
-        f"railctl: --sample and --bank are for checking the bank: to replay {path}, leave them out\n"
+        f"railctl: --sample, --bank and -f are for checking the bank: to replay {path}, leave them out\n"
     )
 
 
@@ -124,6 +146,51 @@ def test_levels_go_out_and_come_back(railctl, tmp_path: Path):
     expected = [LevelSupply().evaluation("medium", index).content_hash for index in range(2)]
     for groups in (back, direct):
         assert [level.content_hash for level in groups["medium"]] == expected
+
+
+def test_an_import_says_what_every_file_holds_and_what_it_leaves_out(railctl, tmp_path: Path):
+    rails = [[0x0004, 0x0401, 0x0401, 0x0100]]
+    old = {"grid": rails, "agents_static": [[[0, 1], 1, [0, 3], 0, {"speed": 0.5}, {"malfunction_rate": 30}]]}
+    stopped = {"grid": rails, "agents_static": [[[0, 2], 3, [0, 0]]], "actions": [[1]], "max_episode_steps": 30}
+    for name, content in (("old.pkl", old), ("stopped.mpk", stopped)):
+        (tmp_path / name).write_bytes(Packer().pack(content))
+    paths = tmp_path / "old.pkl", tmp_path / "stopped.mpk"
+    output = railctl("import", *paths, "--output", tmp_path / "levels.npz")
+    assert output.splitlines() == [
+        f"{paths[0]}: 1 level of 1x4_1_train",
+        f"{paths[0]}: without a step limit: 44 steps are taken, 8 x (rows + columns + trains / 2)",
+        f"{paths[0]}: left out: malfunction rates of their own of 1 train, as 2.0 had them",
+        f"{paths[1]}: 1 level of 1x4_1_train",
+        f"{paths[1]}: left out: the recorded actions",
+        f"{tmp_path / 'levels.npz'}: 2 levels of 1x4_1_train",
+    ]
+    document = json.loads(railctl("import", *paths, "--output", tmp_path / "levels.npz", "--json"))
+    assert document["groups"] == {"1x4_1_train": 2}
+    assert [(file["file"], len(file["left_out"])) for file in document["files"]] == [
+        (str(paths[0]), 2),
+        (str(paths[1]), 1),
+    ]
+    slow, plain = files.load(tmp_path / "levels.npz")["1x4_1_train"]
+    assert slow.schedule.speeds.tolist() == [[1, 2]]
+    assert (plain.schedule, plain.max_steps) == (None, 30)
+
+
+def test_levels_of_several_shapes_are_gathered_in_groups_of_their_own(railctl, tmp_path: Path):
+    for name in ("easy", "hard"):
+        files.save(tmp_path / f"{name}.npz", {"round": [generate(name, 1)]})
+    paths = tmp_path / "easy.npz", tmp_path / "hard.npz"
+    output = railctl("import", *paths, "--output", tmp_path / "levels.npz")
+    assert output.splitlines()[-1] == (
+        f"{tmp_path / 'levels.npz'}: 1 level of round_25x25_3_trains, 1 level of round_25x25_7_trains"
+    )
+
+
+def test_what_is_no_level_file_is_refused_in_one_line(railctl, tmp_path: Path):
+    path = tmp_path / "text.pkl"
+    path.write_text("text")
+    assert railctl("import", path, "--output", tmp_path / "levels.npz", code=1) == (
+        f"railctl: {path} is neither a pickle nor msgpack of flatland-rl: save it again\n"
+    )
 
 
 def test_training_levels_are_exported_by_run_seed(railctl, tmp_path: Path):
@@ -152,3 +219,91 @@ def test_a_file_that_lacks_the_level_is_named(railctl, tmp_path: Path):
     files.save(path, {"easy": [generate("easy", 1)]})
     assert f"{path}: no level of index 1 in easy, the last is 0" in railctl("show", path, "--index", 1, code=1)
     assert f"{path} has no group hard: it has easy" in railctl("show", path, "--group", "hard", code=1)
+
+
+@pytest.fixture
+def run_file(tmp_path: Path) -> Path:
+    folder = tmp_path / "own"
+    folder.mkdir()
+    files.save(folder / "levels.npz", {"easy": [generate("easy", seed) for seed in range(4)]})
+    (folder / "run.yaml").write_text(RUN_FILE)
+    return folder / "run.yaml"
+
+
+def words(output: str) -> list[str]:
+    return [" ".join(line.split()) for line in output.splitlines()]
+
+
+def test_what_there_is_is_listed(railctl, run_file: Path):
+    shipped = words(railctl("list"))
+    assert shipped[0] == "name rules size trains cities speeds malfunctions timetable held out"
+    assert shipped[1] == "easy legacy 25x25 3 2 1 no no 1000"
+    assert [line.split()[0] for line in shipped[1:]] == ["easy", "medium", "hard"]
+    lines = words(railctl("list", "-f", run_file))
+    assert lines[4] == "rush stock 20x24 4 2 50% 1, 50% 0.5 0.002 (20-50) yes 3"
+    assert lines[5] == "mine stock 25x25 3 files say files say files say 2"
+    rows = json.loads(railctl("list", "-f", run_file, "--json"))["levels"]
+    assert rows[3] == {
+        "name": "rush",
+        "rules": "stock",
+        "size": [20, 24],
+        "trains": 4,
+        "cities": 2,
+        "speeds": {"1": 0.5, "0.5": 0.5},
+        "malfunctions": {"rate": 0.002, "min_steps": 20, "max_steps": 50},
+        "timetable": True,
+        "held_out": 3,
+    }
+    assert (rows[4]["held_out"], rows[4]["training"]) == (2, 2)
+
+
+def test_levels_of_one_s_own_are_built_verified_drawn_and_exported(railctl, run_file: Path, tmp_path: Path):
+    rush = ("--level", "rush", "-f", run_file)
+    railctl("build", *rush, "--seeds", "3", "--episodes", 2)
+    seeds = LevelBank(tmp_path / "bank").seeds(key_of(RUSH))
+    assert {evaluation_level_seed(index) for index in range(3)} < seeds
+    assert f"no change in {len(seeds)} levels" in railctl("verify", "-f", run_file)
+    picture = tmp_path / "level.png"
+    facts = json.loads(railctl("show", *rush, "--seed", 7, "--output", picture, "--json"))
+    assert facts["content_hash"] == generate_any(RUSH, 7).content_hash
+    assert set(facts["speeds"]) <= {0.5, 1.0}
+    assert facts["malfunctions"] == {"rate": 0.002, "min_steps": 20, "max_steps": 50}
+    railctl("export", *rush, "--output", tmp_path / "out.npz")
+    expected = [generate_any(RUSH, evaluation_level_seed(index)).content_hash for index in range(3)]
+    assert [level.content_hash for level in files.load(tmp_path / "out.npz")["rush"]] == expected
+
+
+def test_levels_out_of_files_are_drawn_and_exported(railctl, run_file: Path, tmp_path: Path):
+    there = {generate("easy", seed).content_hash for seed in range(4)}
+    picture = tmp_path / "level.png"
+    arguments = ("--level", "mine", "-f", run_file, "--output", picture)
+    shown = {
+        json.loads(railctl("show", *arguments, "--json", *some))["content_hash"] for some in ((), ("--evaluation", 1))
+    }
+    assert len(shown) == 2
+    assert shown < there
+    railctl("export", "--level", "mine", "-f", run_file, "--output", tmp_path / "out.npz")
+    assert {level.content_hash for level in files.load(tmp_path / "out.npz")["mine"]} < there
+    assert "mine has 2 evaluation levels: there is none of index 2" in railctl(
+        "show", *arguments, "--evaluation", 2, code=2
+    )
+    assert railctl("build", "--level", "mine", "-f", run_file, code=2).strip() == (
+        "railctl: --level mine: these levels come out of files, so there is nothing to build"
+    )
+
+
+@pytest.mark.parametrize(
+    ("levels", "problem"),
+    [
+        ("{rules: stock, size: [8, 8], trains: 1, cities: 2}", "levels.own.size [8, 8] has no room for two cities"),
+        ("{rules: stock, size: [10, 10], trains: 1, cities: 9}", "levels.own.cities 9: no more than 4 fit on 10x10"),
+        ("{rules: other, size: [20, 20], trains: 1, cities: 2}", "levels.own: say rules: legacy or rules: stock"),
+        ("{files: no.pkl}", "levels.own.files no.pkl: no such file"),
+    ],
+)
+def test_wrong_levels_are_one_line(railctl, tmp_path: Path, levels: str, problem: str):
+    path = tmp_path / "run.yaml"
+    path.write_text(f"levels: {{own: {levels}}}")
+    output = railctl("show", "--level", "own", "-f", path, code=2)
+    assert output.startswith(f"railctl: {problem}")
+    assert output.count("\n") == 1

@@ -15,17 +15,32 @@ from common.levels import build as building
 from common.levels import chunks
 from common.levels.bank import LevelBank
 from common.levels.build import Progress, build
-from common.levels.chunks import HEADER_BYTES, BankError
+from common.levels.chunks import HEADER_BYTES, BankError, key_of
+from common.levels.distributions import StockLevels, shipped
+from common.levels.generate import InfeasibleLevelError
+from common.levels.generate import generate as generate_any
 from common.levels.shipped import generate
 
+EASY = shipped()["easy"]
+RUSH = StockLevels.model_validate(
+    {
+        "rules": "stock",
+        "size": [20, 24],
+        "trains": 4,
+        "cities": 2,
+        "speeds": {1: 0.5, 0.5: 0.5},
+        "malfunctions": {"rate": 0.002, "min_steps": 20, "max_steps": 50},
+    }
+)
 SEEDS = list(range(100, 112))
 CHUNK = 4
 WORKER = f"""
 import sys
 from pathlib import Path
 from common.levels import build
+from common.levels.distributions import shipped
 build.CHUNK_LEVELS = {CHUNK}
-for count in build.work(Path(sys.argv[1]), "easy", {SEEDS}):
+for count in build.work(Path(sys.argv[1]), shipped()["easy"], {SEEDS}):
     print(count, flush=True)
 """
 
@@ -50,7 +65,7 @@ def start_worker(root: Path) -> subprocess.Popen:
 
 @pytest.mark.parametrize("difficulty", ["easy", "hard"])
 def test_a_level_comes_back_as_it_was_generated(tmp_path: Path, difficulty):
-    assert build(tmp_path, difficulty, [5, 7]) == 2
+    assert build(tmp_path, shipped()[difficulty], [5, 7]) == 2
     level, generated = LevelBank(tmp_path).get(difficulty, 7), generate(difficulty, 7)
     for name in ("grid", "starts", "targets"):
         ours, theirs = getattr(level, name), getattr(generated, name)
@@ -65,7 +80,7 @@ def test_a_level_comes_back_as_it_was_generated(tmp_path: Path, difficulty):
 
 def test_what_is_not_there_is_none(tmp_path: Path):
     assert LevelBank(tmp_path / "nowhere").get("easy", 1) is None
-    build(tmp_path, "easy", [1])
+    build(tmp_path, EASY, [1])
     bank = LevelBank(tmp_path)
     assert bank.get("easy", 2) is None
     assert bank.get("medium", 1) is None
@@ -73,27 +88,27 @@ def test_what_is_not_there_is_none(tmp_path: Path):
 
 
 def test_building_again_adds_only_what_is_missing(tmp_path: Path, expected):
-    assert build(tmp_path, "easy", SEEDS[:6]) == 6
+    assert build(tmp_path, EASY, SEEDS[:6]) == 6
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "easy").iterdir()}
-    assert build(tmp_path, "easy", SEEDS[:6]) == 0
-    assert build(tmp_path, "easy", [*SEEDS, *SEEDS]) == 6
+    assert build(tmp_path, EASY, SEEDS[:6]) == 0
+    assert build(tmp_path, EASY, [*SEEDS, *SEEDS]) == 6
     assert content(LevelBank(tmp_path)) == expected
     assert {path: path.stat().st_mtime_ns for path in before} == before
 
 
 def test_an_open_bank_sees_new_chunks_after_refresh(tmp_path: Path):
-    build(tmp_path, "easy", SEEDS[:4])
+    build(tmp_path, EASY, SEEDS[:4])
     bank = LevelBank(tmp_path)
-    build(tmp_path, "easy", SEEDS)
+    build(tmp_path, EASY, SEEDS)
     assert not bank.holds("easy", SEEDS[-1])
     bank.refresh()
     assert bank.seeds("easy") == set(SEEDS)
 
 
 def test_progress_goes_from_what_is_there_to_all(tmp_path: Path):
-    build(tmp_path, "easy", SEEDS[:4])
+    build(tmp_path, EASY, SEEDS[:4])
     seen: list[Progress] = []
-    build(tmp_path, "easy", SEEDS, on_progress=seen.append)
+    build(tmp_path, EASY, SEEDS, on_progress=seen.append)
     assert [(progress.done, progress.total) for progress in seen] == [(4, 12), (8, 12), (12, 12)]
     assert seen[0].seconds_left is None
     assert seen[1].seconds_left > 0
@@ -101,7 +116,7 @@ def test_progress_goes_from_what_is_there_to_all(tmp_path: Path):
 
 
 def test_several_processes_build_the_same_bank(tmp_path: Path, expected):
-    assert build(tmp_path / "ours", "easy", SEEDS, processes=2) == 12
+    assert build(tmp_path / "ours", EASY, SEEDS, processes=2) == 12
     assert content(LevelBank(tmp_path / "ours")) == expected
 
 
@@ -125,24 +140,24 @@ def test_a_kill_loses_no_chunk_and_leaves_nothing_broken(tmp_path: Path, expecte
     survived = content(LevelBank(tmp_path))
     assert len(survived) >= chunks_before * CHUNK
     assert survived.items() <= expected.items()
-    assert build(tmp_path, "easy", SEEDS) == len(SEEDS) - len(survived)
+    assert build(tmp_path, EASY, SEEDS) == len(SEEDS) - len(survived)
     assert content(LevelBank(tmp_path)) == expected
 
 
 def test_torn_files_of_a_dead_builder_are_ignored_and_cleared(tmp_path: Path, expected):
-    name = chunks.chunk_name("easy", SEEDS[:CHUNK])
+    name = chunks.chunk_name(EASY, SEEDS[:CHUNK])
     torn = tmp_path / "easy" / f".{name}.12345.tmp"
     torn.parent.mkdir()
     torn.write_bytes(b"half a chunk")
     (tmp_path / "easy" / f".{name}.claim").touch()
     assert LevelBank(tmp_path).seeds("easy") == set()
-    build(tmp_path, "easy", SEEDS)
+    build(tmp_path, EASY, SEEDS)
     assert content(LevelBank(tmp_path)) == expected
     assert not torn.exists()
 
 
 def only_chunk(root: Path) -> Path:
-    build(root, "easy", SEEDS[:2])
+    build(root, EASY, SEEDS[:2])
     [path] = (root / "easy").glob(f"*{chunks.SUFFIX}")
     return path
 
@@ -191,11 +206,11 @@ def test_a_worker_that_cannot_go_on_is_an_error_with_its_reason(tmp_path: Path):
         (tmp_path / "easy").rmdir()
         (tmp_path / "easy").write_text("not a folder")
     with pytest.raises(BankError, match=r"no worker could finish .*: .*: build again"):
-        build(tmp_path, "easy", SEEDS, processes=2)
+        build(tmp_path, EASY, SEEDS, processes=2)
 
 
 def test_reading_a_level_takes_microseconds(tmp_path: Path):
-    build(tmp_path, "hard", SEEDS[:2])
+    build(tmp_path, shipped()["hard"], SEEDS[:2])
     bank = LevelBank(tmp_path)
     durations = []
     for _ in range(300):
@@ -203,3 +218,44 @@ def test_reading_a_level_takes_microseconds(tmp_path: Path):
         bank.get("hard", SEEDS[0])
         durations.append(time.perf_counter() - begin)
     assert np.median(durations) < 100e-6  # a few in truth
+
+
+def test_schedules_come_back_as_they_were_generated(tmp_path: Path):
+    assert build(tmp_path, RUSH, [5, 7]) == 2
+    level, generated = LevelBank(tmp_path).get(key_of(RUSH), 7), generate_any(RUSH, 7)
+    assert level.content_hash == generated.content_hash
+    for name in ("speeds", "earliest_departures", "latest_arrivals", "target_headings"):
+        np.testing.assert_array_equal(getattr(level.schedule, name), getattr(generated.schedule, name))
+        assert getattr(level.schedule, name).dtype == np.int32
+    assert level.schedule.malfunctions == generated.schedule.malfunctions == (0.002, 20, 50)
+
+
+def test_equal_distributions_share_their_levels_whatever_they_are_called(tmp_path: Path):
+    same = StockLevels.model_validate(json.loads(RUSH.model_dump_json()))
+    assert build(tmp_path, RUSH, [1]) == 1
+    assert build(tmp_path, same, [1]) == 0
+    assert build(tmp_path, RUSH.model_copy(update={"trains": 3}), [1]) == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(LevelBank(tmp_path).keys())
+    assert key_of(EASY.model_copy()) == "easy"
+
+
+def test_an_old_bank_is_read_and_its_chunks_keep_their_names(tmp_path: Path):
+    build(tmp_path, EASY, [5, 7])
+    [path] = (tmp_path / "easy").iterdir()
+    assert path.name == "6871ef81fabfa0e1b1c109952f8ef1d1.levels"
+    header = json.loads(path.read_bytes()[:HEADER_BYTES])
+    assert (header["format"], header["generator"], header["difficulty"]) == (1, "legacy-1", "easy")
+
+
+def test_large_levels_come_in_small_chunks(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(building, "CHUNK_LEVELS", 128)
+    assert [building.chunk_levels(levels) for levels in shipped().values()] == [128] * 3
+    large = RUSH.model_copy(update={"size": (100, 100), "trains": 200})
+    assert 1 <= building.chunk_levels(large) < 10
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_a_seed_without_a_level_is_named(tmp_path: Path, processes: int):
+    impossible = RUSH.model_copy(update={"size": (6, 6)})
+    with pytest.raises(InfeasibleLevelError, match="6x6 has no room for two cities"):
+        build(tmp_path, impossible, SEEDS, processes)

@@ -1,22 +1,16 @@
 """Files of levels: what goes in comes out, and what is no level is refused by name."""
 
-import os
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from common.levels.pickles import load_pickle
-from flatland.envs.line_generators import sparse_line_generator
-from flatland.envs.persistence import RailEnvPersister
-from flatland.envs.rail_env import RailEnv
-from flatland.envs.rail_generators import sparse_rail_generator
 
 from common.levels import files
 from common.levels.files import LevelFileError
-from common.levels.level import Level
+from common.levels.level import Level, Malfunctions, Schedule
 from common.levels.shipped import generate
-from tools.levels.export import save_pickle
 
 LEVELS = [generate("easy", seed) for seed in range(3)]
 
@@ -55,6 +49,8 @@ OFF_RAILS = GOOD["easy_levels_agents"].copy()
 OFF_RAILS[0, 1, :2] = 0
 OUTSIDE = GOOD["easy_levels_agents"].copy()
 OUTSIDE[0, 2, 3] = 25
+ON_TARGET = GOOD["easy_levels_agents"].copy()
+ON_TARGET[0, 1, 3:] = ON_TARGET[0, 1, :2]
 
 
 @pytest.mark.parametrize(
@@ -69,6 +65,10 @@ OUTSIDE[0, 2, 3] = 25
         ({"easy_levels_agents": np.zeros((1, 0, 5), int)}, "level 0 of easy: no trains"),
         ({"easy_levels_agents": OFF_RAILS}, "train 1 starts at row 0, column 0, where no rail leads on"),
         ({"easy_levels_agents": OUTSIDE}, "the target of train 2 at row 25, column .* is not on rails"),
+        ({"easy_levels_agents": ON_TARGET}, "train 1 stands on its target at the start, row .*: move one of them"),
+        ({"easy_levels_grid": GOOD["easy_levels_grid"].astype(int) + (1 << 16)}, "beyond 16 bits"),
+        ({"easy_levels_agents": GOOD["easy_levels_agents"].astype(int) + (1 << 32)}, "beyond 31 bits"),
+        ({"easy_levels_max_steps": np.array([-1])}, "numbers below 0"),
     ],
 )
 def test_what_is_no_level_is_named(tmp_path: Path, changes: dict, problem: str):
@@ -88,71 +88,63 @@ def test_what_is_no_archive_is_refused(tmp_path: Path, content: bytes):
         files.load(tmp_path / "other.npz")
 
 
-def test_a_level_survives_flatland_s_own_file(tmp_path: Path):
-    level = generate("medium", 4)
-    save_pickle(tmp_path / "level.pkl", level)
-    assert load_pickle(tmp_path / "level.pkl").content_hash == level.content_hash
+SCHEDULE = Schedule(
+    speeds=np.array([[1, 1], [1, 3], [2, 5]], np.int32),
+    earliest_departures=np.array([0, 7, 2], np.int32),
+    latest_arrivals=np.array([90, 2**31 - 1, 0], np.int32),
+    target_headings=np.array([0, 5, 15], np.int32),
+    malfunctions=Malfunctions(0.01, 2, 9),
+)
 
 
-def test_flatland_plays_what_was_exported(tmp_path: Path):
-    level = generate("hard", 4)
-    save_pickle(tmp_path / "level.pkl", level)
-    env, _ = RailEnvPersister.load_new(str(tmp_path / "level.pkl"))
-    np.testing.assert_array_equal(env.rail.grid, level.grid)
-    assert env._max_episode_steps == level.max_steps
-    for _ in range(3):
-        env.step(dict.fromkeys(range(level.n_trains), 2))
-    assert any(agent.current_configuration is not None for agent in env.agents)
-    for agent, start in zip(env.agents, level.starts.tolist(), strict=True):
-        assert (*agent.initial_configuration[0], agent.initial_configuration[1]) == tuple(start)
-        assert agent.earliest_departure == 0
+def test_schedules_come_back_with_levels_that_have_none(tmp_path: Path):
+    calm = replace(SCHEDULE, malfunctions=None)
+    levels = [LEVELS[0], replace(LEVELS[1], schedule=SCHEDULE), replace(LEVELS[2], schedule=calm)]
+    files.save(tmp_path / "levels.npz", {"easy": levels, "plain": LEVELS})
+    back = files.load(tmp_path / "levels.npz")
+    assert {name: hashes(some) for name, some in back.items()} == {"easy": hashes(levels), "plain": hashes(LEVELS)}
+    assert [level.schedule is None for level in back["easy"]] == [True, False, False]
 
 
-def test_a_file_of_flatland_gives_its_level_even_from_the_middle_of_an_episode(tmp_path: Path):
-    env = RailEnv(
-        30,
-        28,
-        rail_generator=sparse_rail_generator(max_num_cities=2),
-        line_generator=sparse_line_generator({1.0: 0.5, 0.5: 0.5}),
-        number_of_agents=4,
-        random_seed=1,
-    )
-    env.reset()
-    expected = Level(
-        grid=env.rail.grid.copy(),
-        starts=np.array([(*a.initial_configuration[0], int(a.initial_configuration[1])) for a in env.agents], np.int32),
-        targets=np.array([next(iter(agent.targets))[0] for agent in env.agents], np.int32),
-        max_steps=env._max_episode_steps,
-    )
-    for _ in range(5):
-        env.step(dict.fromkeys(range(4), 2))
-    RailEnvPersister.save(env, tmp_path / "env.pkl")
-    assert load_pickle(tmp_path / "env.pkl").content_hash == expected.content_hash
+def test_levels_without_schedules_make_the_files_of_before(tmp_path: Path):
+    files.save(tmp_path / "levels.npz", {"easy": LEVELS})
+    with files.opened(tmp_path / "levels.npz") as stored:
+        assert set(stored) == {"easy_levels_grid", "easy_levels_agents", "easy_levels_max_steps"}
 
 
-class Evil:
-    def __init__(self, path: Path) -> None:
-        self.path = path
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"speeds": None}, "lacks the array easy_levels_speeds"),
+        ({"malfunctions": None}, "lacks the array easy_levels_malfunctions"),
+        ({"speeds": np.ones((1, 3, 2))}, r"easy_levels_speeds is no array of integer of shape \[1, 3, 2\]"),
+        ({"departures": np.zeros((1, 2), int)}, r"easy_levels_departures is no array of integer of shape \[1, 3\]"),
+        ({"departures": np.array([[0, 2**40, 0]])}, "easy_levels_departures holds numbers beyond 32 bits"),
+        ({"malfunctions": np.array([[np.nan, 1, 1]])}, "easy_levels_malfunctions holds numbers beyond 32 bits"),
+        ({"malfunctions": np.array([[2.0, 1, 1]])}, "malfunctions of rate 2 for 1 to 1 steps"),
+        ({"malfunctions": np.array([[0.5, 9, 1]])}, "malfunctions of rate 0.5 for 9 to 1 steps"),
+        ({"speeds": np.array([[[1, 1], [0, 1], [1, 1]]])}, "train 1 has a speed of 0/1, which is not above 0"),
+        ({"speeds": np.array([[[1, 1], [3, 2], [1, 1]]])}, "train 1 has a speed of 3/2, which is not above 0"),
+        ({"speeds": np.array([[[1, 1009], [1, 1013], [1, 1019]]])}, "a common denominator above 1048576"),
+        ({"departures": np.array([[0, -1, 0]])}, "train 1 may depart from step -1"),
+        ({"target_headings": np.array([[0, 16, 0]])}, "train 1 has headings 16 at its target"),
+    ],
+)
+def test_schedules_are_read_strictly(tmp_path: Path, changes: dict, problem: str):
+    path = tmp_path / "levels.npz"
+    files.save(path, {"easy": [replace(LEVELS[0], schedule=SCHEDULE)]})
+    with files.opened(path) as stored:
+        arrays = dict(stored) | {f"easy_levels_{name}": array for name, array in changes.items()}
+    np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
+    with pytest.raises(LevelFileError, match=problem) as error:
+        files.load(path)
+    assert "\n" not in str(error.value)
 
-    def __reduce__(self):
-        return os.mkdir, (str(self.path),)
 
-
-@pytest.mark.parametrize("wrap", [lambda evil: evil, lambda evil: {"grid": evil, "agents": [evil]}])
-def test_a_pickle_cannot_call_anything(tmp_path: Path, wrap):
-    path, target = tmp_path / "evil.pkl", tmp_path / "made by a pickle"
-    path.write_bytes(pickle.dumps(wrap(Evil(target))))
-    with pytest.raises(LevelFileError, match=f"{path} is not as flatland-rl 3 or 4 saves"):
-        load_pickle(path)
-    assert not target.exists()
-
-
-def test_broken_pickles_are_refused(tmp_path: Path):
-    save_pickle(tmp_path / "level.pkl", LEVELS[0])
-    data = (tmp_path / "level.pkl").read_bytes()
-    for cut in (0, 1, 100, len(data) // 2, len(data) - 1):
-        (tmp_path / "cut.pkl").write_bytes(data[:cut])
-        with pytest.raises(LevelFileError, match=r"cut\.pkl is no pickle"):
-            load_pickle(tmp_path / "cut.pkl")
-    with pytest.raises(LevelFileError, match="no such file"):
-        load_pickle(tmp_path / "other.pkl")
+def test_an_array_that_would_fill_the_memory_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(files, "MOST_ARRAY_BYTES", 1_000_000)
+    path = tmp_path / "levels.npz"
+    np.savez_compressed(path, a_levels_grid=np.zeros((1000, 1000), np.uint8))
+    assert path.stat().st_size < 10_000
+    with pytest.raises(LevelFileError, match="the array a_levels_grid has over 1000000 bytes: split the file"):
+        files.load(path)

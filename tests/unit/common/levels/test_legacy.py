@@ -9,23 +9,28 @@ import numpy as np
 import pytest
 from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
 
-from common.config import DIFFICULTIES, Difficulty
 from common.interpreter import PYTHON
 from common.levels import legacy
-from common.levels.legacy import SPECS, InfeasibleLevelError, generate, max_episode_steps
+from common.levels.distances import Distances
+from common.levels.distributions import LegacyLevels, shipped
+from common.levels.generate import InfeasibleLevelError
+from common.levels.generate import generate as generate_any
+from common.levels.legacy import max_episode_steps
+from common.levels.shipped import generate
 from common.rail.flatland_world import FlatlandWorld
 from common.seeding import evaluation_level_seed, training_level_seed
 
+NAMES = tuple(shipped())
 LARGEST_SEED = 2**32 - 1
 HASHES = f"""
 from common.levels.shipped import generate
-for difficulty in {DIFFICULTIES}:
+for difficulty in {NAMES}:
     print(generate(difficulty, 5).content_hash, generate(difficulty, {LARGEST_SEED}).content_hash)
 """
 
 
-@pytest.mark.parametrize("difficulty", DIFFICULTIES)
-def test_a_level_has_the_shape_of_table_5_1(difficulty: Difficulty):
+@pytest.mark.parametrize("difficulty", NAMES)
+def test_a_level_has_the_shape_of_table_5_1(difficulty: str):
     level = generate(difficulty, 3)
     assert level.grid.shape == (25, 25)
     assert level.n_trains == {"easy": 3, "medium": 5, "hard": 7}[difficulty]
@@ -34,12 +39,13 @@ def test_a_level_has_the_shape_of_table_5_1(difficulty: Difficulty):
 
 
 def test_the_step_limit_truncates():
-    assert [max_episode_steps(SPECS[name], SPECS[name].cities) for name in DIFFICULTIES] == [412, 420, 418]
-    assert max_episode_steps(SPECS["hard"], 2) == 428
+    assert [max_episode_steps(25, 25, trains, cities) for trains, cities in ((3, 2), (5, 2), (7, 3))] == [412, 420, 418]
+    assert max_episode_steps(25, 25, 7, 2) == 428
+    assert max_episode_steps(40, 30, 9, 4) == 578
 
 
-@pytest.mark.parametrize("difficulty", DIFFICULTIES)
-def test_every_train_can_reach_its_target(difficulty: Difficulty):
+@pytest.mark.parametrize("difficulty", NAMES)
+def test_every_train_can_reach_its_target(difficulty: str):
     world = FlatlandWorld(slots=1, max_trains=7)
     for seed in range(8):
         level = generate(difficulty, seed)
@@ -61,14 +67,12 @@ def test_fresh_processes_draw_the_same_levels():
         )
         assert process.stderr == ""
         printed.add(process.stdout)
-    here = "".join(
-        f"{generate(name, 5).content_hash} {generate(name, LARGEST_SEED).content_hash}\n" for name in DIFFICULTIES
-    )
+    here = "".join(f"{generate(name, 5).content_hash} {generate(name, LARGEST_SEED).content_hash}\n" for name in NAMES)
     assert printed == {here}
 
 
 def test_levels_do_not_change_between_releases():
-    assert [generate(name, 1).content_hash for name in DIFFICULTIES] == [
+    assert [generate(name, 1).content_hash for name in NAMES] == [
         "d80d8e5597a0ec649e2877d53657cf84",
         "0c4a7a8d76cc7391e1ce7cfee412eadf",
         "3d86cf964c8ac9d05f8b7c79737da7af",
@@ -93,14 +97,14 @@ def test_no_map_is_kept():
     assert RailGridTransitionMap.check_path_exists.cache_info().currsize == 0
 
 
-@pytest.mark.parametrize("difficulty", DIFFICULTIES)
-def test_broken_cells_are_those_that_the_library_finds(difficulty: Difficulty, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize("difficulty", NAMES)
+def test_broken_cells_are_those_that_the_library_finds(difficulty: str, monkeypatch: pytest.MonkeyPatch):
     drawn = []
     fix = legacy._LegacyRails._fix_transitions
 
     def look_first(self: legacy._LegacyRails, *arguments: Any):
         grid_map = arguments[2]
-        found = legacy._broken(grid_map.grid, list(grid_map.transitions.transitions_all))
+        found = legacy.broken_cells(grid_map.grid, list(grid_map.transitions.transitions_all))
         expected = [
             [not grid_map.cell_neighbours_valid((row, column), True) for column in range(25)] for row in range(25)
         ]
@@ -117,11 +121,11 @@ def test_broken_cells_are_those_that_the_library_finds(difficulty: Difficulty, m
 def test_an_infeasible_draw_is_drawn_anew_from_a_derived_seed(monkeypatch: pytest.MonkeyPatch):
     draw, draws = legacy._draw, []
 
-    def fail_once(spec: legacy.LegacySpec, rng: np.random.RandomState):
+    def fail_once(levels: LegacyLevels, rng: np.random.RandomState):
         draws.append(rng)
         if len(draws) % 2 == 1:
             raise InfeasibleLevelError
-        return draw(spec, rng)
+        return draw(levels, rng)
 
     plain = generate("easy", 4)
     monkeypatch.setattr(legacy, "_draw", fail_once)
@@ -131,8 +135,19 @@ def test_an_infeasible_draw_is_drawn_anew_from_a_derived_seed(monkeypatch: pytes
 
 def test_a_seed_without_a_feasible_level_is_an_error(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(legacy, "ROUTE_TRIES", 0)
-    with pytest.raises(InfeasibleLevelError, match="no feasible easy level for seed 4"):
+    with pytest.raises(InfeasibleLevelError, match="no feasible level for seed 4"):
         generate("easy", 4)
+
+
+def test_other_sizes_have_their_own_step_limit_and_tracks():
+    levels = LegacyLevels(rules="legacy", size=(30, 44), trains=12, cities=4, rails_between_cities=3, rails_in_city=5)
+    level = generate_any(levels, 2)
+    assert level.grid.shape == (30, 44)
+    assert level.n_trains == 12
+    assert level.max_steps in {max_episode_steps(30, 44, 12, cities) for cities in (2, 3, 4)}
+    distances = Distances(level.grid)
+    for start, target in zip(level.starts.tolist(), level.targets.tolist(), strict=True):
+        assert distances.between(start[:2], start[2], target) > 0
 
 
 def test_training_and_evaluation_never_share_a_seed():

@@ -5,59 +5,146 @@ import random
 import numpy as np
 import pytest
 from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
+from flatland.envs.step_utils.speed_counter import _pseudo_fractional
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from common.levels import stock
-from common.levels.stock import SPECS, StockSpec, generate
+from common.levels.check import check
+from common.levels.distances import Distances
+from common.levels.distributions import StockLevels
+from common.levels.generate import InfeasibleLevelError, generate
+from common.levels.legacy import forget_rails
+from common.levels.level import Level, Malfunctions
+from common.levels.speeds import speed_fraction
+from common.strict import ConfigError
+from tools.levels.library import library_environment
 
-SLOW = StockSpec(trains=4, cities=2, speeds={1.0: 0.5, 0.5: 0.5}, malfunctions=(0.01, 2, 6))
+SPEEDS = {0.5: 0.3, 1.0: 0.5, 0.33: 0.2}
+EASY = StockLevels(rules="stock", size=(25, 25), trains=3, cities=2)
+HARD = StockLevels(rules="stock", size=(25, 25), trains=7, cities=3)
+CASES = [
+    (EASY, 4),
+    (HARD, 4),
+    (StockLevels(rules="stock", size=(18, 10), trains=2, cities=2, rail_pairs_in_city=1, speeds=SPEEDS), 3),
+    (StockLevels(rules="stock", size=(30, 45), trains=10, cities=4, speeds=SPEEDS, rails_between_cities=3), 3),
+    (StockLevels(rules="stock", size=(40, 40), trains=20, cities=4, speeds=SPEEDS, timetable=False), 2),
+]
 
 
-@pytest.mark.parametrize("difficulty", SPECS)
-def test_a_level_is_the_library_s_own(difficulty):
-    drawn = generate(SPECS[difficulty], 3)
-    env = stock.environment(SPECS[difficulty], 3)
-    env.reset(random_seed=3)
-    np.testing.assert_array_equal(drawn.grid, env.rail.grid)
-    assert drawn.n_trains == SPECS[difficulty].trains
-    assert drawn.max_steps == env._max_episode_steps
-    assert drawn.schedule.earliest_departures.tolist() == [agent.earliest_departure for agent in env.agents]
-    assert drawn.schedule.latest_arrivals.tolist() == [agent.latest_arrival for agent in env.agents]
-    assert drawn.schedule.malfunctions is None
-    starts = [(*agent.initial_configuration[0], int(agent.initial_configuration[1])) for agent in env.agents]
-    assert [tuple(start) for start in drawn.starts.tolist()] == starts
+def agrees(level: Level, levels: StockLevels, seed: int) -> None:
+    """Everything is as the library's environment has it after its reset."""
+    env = library_environment(levels, seed)
+    env.reset(random_seed=seed)
+    agents, schedule = env.agents, level.schedule
+    np.testing.assert_array_equal(level.grid, env.rail.grid)
+    assert level.starts.tolist() == [
+        [*agent.initial_configuration[0], int(agent.initial_configuration[1])] for agent in agents
+    ]
+    assert [tuple(target) for target in level.targets.tolist()] == [next(iter(agent.targets))[0] for agent in agents]
+    assert level.max_steps == env._max_episode_steps
+    assert [tuple(speed) for speed in schedule.speeds.tolist()] == [
+        agent.speed_counter.max_speed.as_integer_ratio() for agent in agents
+    ]
+    assert schedule.earliest_departures.tolist() == [agent.earliest_departure for agent in agents]
+    assert schedule.latest_arrivals.tolist() == [agent.latest_arrival for agent in agents]
+    assert schedule.target_headings.tolist() == [
+        sum(1 << int(heading) for _, heading in agent.targets) for agent in agents
+    ]
+    distances = env.distance_map.get()
+    assert all(np.isfinite(distances[train, *start]) for train, start in enumerate(level.starts.tolist()))
+    forget_rails()
+
+
+@pytest.mark.parametrize(("levels", "seeds"), CASES)
+def test_a_level_is_the_library_s_own(levels: StockLevels, seeds: int):
+    for seed in range(seeds):
+        agrees(generate(levels, seed), levels, seed)
+
+
+@pytest.mark.slow
+def test_a_level_of_200_trains_is_the_library_s_own():
+    levels = StockLevels(rules="stock", size=(100, 100), trains=200, cities=20, speeds=SPEEDS)
+    agrees(generate(levels, 1), levels, 1)
+
+
+def test_the_order_in_which_speeds_are_given_changes_nothing():
+    given_otherwise = HARD.model_copy(update={"speeds": dict(reversed(SPEEDS.items()))})
+    assert (
+        generate(given_otherwise, 5).content_hash
+        == generate(HARD.model_copy(update={"speeds": SPEEDS}), 5).content_hash
+    )
 
 
 def test_without_a_timetable_every_train_may_depart_at_once():
-    drawn = generate(StockSpec(trains=3, cities=2, timetable=False), 3)
-    assert not any(drawn.schedule.earliest_departures)
-    assert drawn.max_steps == 412
-    assert drawn.schedule.latest_arrivals.tolist() == [412] * 3
+    level = generate(EASY.model_copy(update={"timetable": False}), 3)
+    assert not level.schedule.earliest_departures.any()
+    assert level.max_steps == 412
+    assert level.schedule.latest_arrivals.tolist() == [412] * 3
 
 
-def test_speeds_and_malfunctions_come_with_the_level():
-    drawn = [generate(SLOW, seed) for seed in range(4)]
-    assert {up / down for one in drawn for up, down in one.schedule.speeds.tolist()} == {0.5, 1.0}
-    assert all(one.schedule.malfunctions == (0.01, 2, 6) for one in drawn)
+def test_malfunctions_come_with_the_level():
+    levels = StockLevels.model_validate(
+        {**EASY.model_dump(), "malfunctions": {"rate": 0.01, "min_steps": 2, "max_steps": 6}}
+    )
+    assert generate(levels, 1).schedule.malfunctions == Malfunctions(0.01, 2, 6)
+    assert generate(EASY, 1).schedule.malfunctions is None
 
 
 def test_a_seed_gives_its_level_whatever_the_global_generators_hold():
     random.seed(1)
     np.random.seed(1)  # noqa: NPY002  (the global generator is what is tested)
     before = random.getstate(), np.random.get_state()[1].tolist()  # noqa: NPY002
-    first = generate(SPECS["hard"], 9)
+    first = generate(HARD, 9)
     assert random.getstate() == before[0]
     assert np.random.get_state()[1].tolist() == before[1]  # noqa: NPY002
     random.seed(2)
-    assert generate(SPECS["hard"], 9).content_hash == first.content_hash
-    assert generate(SPECS["hard"], 10).content_hash != first.content_hash
+    assert generate(HARD, 9).content_hash == first.content_hash
+    assert generate(HARD, 10).content_hash != first.content_hash
     assert RailGridTransitionMap.get_transitions.cache_info().currsize == 0
 
 
 def test_a_draw_with_a_train_that_cannot_arrive_is_drawn_anew(monkeypatch: pytest.MonkeyPatch):
-    answers = iter([False, True])
-    monkeypatch.setattr(stock, "_is_feasible", lambda _env, _trains: next(answers))
-    assert generate(SPECS["easy"], 3).n_trains == 3
-    monkeypatch.setattr(stock, "_is_feasible", lambda _env, _trains: False)
-    monkeypatch.setattr(stock, "LEVEL_TRIES", 2)
-    with pytest.raises(stock.InfeasibleLevelError, match="no feasible level for seed 3 in 2 tries"):
-        generate(SPECS["easy"], 3)
+    draw, answers = stock._draw, iter([False, True])
+    monkeypatch.setattr(stock, "_draw", lambda levels, rng: draw(levels, rng) if next(answers) else None)
+    assert generate(EASY, 3).n_trains == 3
+    monkeypatch.setattr(stock, "_draw", lambda _levels, _rng: None)
+    with pytest.raises(InfeasibleLevelError, match="no feasible level for seed 3 in 20 tries"):
+        generate(EASY, 3)
+
+
+def test_ways_are_those_that_the_library_finds():
+    level = generate(HARD, 2)
+    height, width = level.grid.shape
+    rail = RailGridTransitionMap(width, height, grid=level.grid.copy())
+    distances = Distances(level.grid)
+    target = tuple(level.targets[0].tolist())
+    found = [
+        (distances.reaches((row, column), heading, target), rail.check_path_exists((row, column), heading, target))
+        for row, column in np.argwhere(level.grid).tolist()
+        for heading in range(4)
+    ]
+    assert [ours for ours, _ in found] == [theirs for _, theirs in found]
+    assert {True, False} == {ours for ours, _ in found}
+    forget_rails()
+
+
+@given(st.floats(min_value=0.002, max_value=1, allow_nan=False))
+@example(0.33)
+@example(0.25)
+@example(0.4)
+@example(2 / 3)
+def test_speeds_are_the_library_s_fractions(speed: float):
+    assert speed_fraction(speed) == _pseudo_fractional(speed)
+
+
+@pytest.mark.parametrize("speed", [0, -0.5, 1.5, float("nan")])
+def test_what_is_no_speed_is_refused(speed: float):
+    with pytest.raises(ValueError, match="not above 0 and at most 1"):
+        speed_fraction(speed)
+
+
+def test_speeds_without_a_common_denominator_are_refused():
+    levels = EASY.model_copy(update={"speeds": {0.7654321: 0.5, 1.0: 0.5}})
+    with pytest.raises(ConfigError, match=r"levels\.rush\.speeds 0\.765432, 1: .*use rounder ones"):
+        check("rush", levels)

@@ -5,9 +5,9 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from common.config import NetworkConfig
 from common.policy.acting import EpsilonGreedy, draw_counter
 from common.policy.networks import build_network, import_parameters
+from common.rules.settings import NetworkConfig
 from common.seeding import stream_key, uniform
 
 KEY = stream_key(1, 2, "explore")

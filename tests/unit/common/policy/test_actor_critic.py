@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from common.config import NetworkConfig
 from common.policy.actor_critic import build_actor_critic
 from common.policy.networks import export_parameters, import_parameters
 from common.policy.orthogonal import orthogonal
+from common.rules.settings import NetworkConfig
 
 CONFIG = NetworkConfig(hidden=(12, 8))
 PINNED = [

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from torch import nn
 
-from common.config import NetworkConfig
 from common.levels.supply import LevelSupply
 from common.policy.actor_critic import build_actor_critic
 from common.policy.compiled import Twin
@@ -12,6 +11,13 @@ from common.policy.modules import ModuleChooser
 from common.policy.networks import build_network, export_parameters
 from common.policy.player import Acting, network_layout, play, player
 from common.records.acting import digest_of
+from common.rules.settings import NetworkConfig
+from common.world import study_world
+
+
+def study_player(engine, trains=7, **options):
+    """What plays the study's levels."""
+    return player(engine, study_world(), "legacy", trains, **options)
 
 
 def choosers(kind):
@@ -20,7 +26,7 @@ def choosers(kind):
     build = build_actor_critic if kind == "actor-critic" else build_network
     network = build(config, 252, 5, seed=3)
     module = ModuleChooser(build(config, 252, 5, seed=4), 252, 5, is_policy=kind == "actor-critic")
-    twin = Twin(network_layout(config))
+    twin = Twin(network_layout(config, 252))
     for chooser in (module, twin):
         chooser.load(export_parameters(network))
     return module, twin
@@ -31,10 +37,10 @@ def test_a_module_plays_as_its_twin_on_both_engines(kind):
     module, twin = choosers(kind)
     level = LevelSupply().training("easy", 3)
     ours, stepped = (
-        play(player(engine, 3, has_twin=False), level, Acting(module, epsilon=0.3, key=7))
+        play(study_player(engine, 3, has_twin=False), level, Acting(module, epsilon=0.3, key=7))
         for engine in ("compiled", "flatland")
     )
-    theirs = play(player("compiled", 3), level, Acting(twin, epsilon=0.3, key=7))
+    theirs = play(study_player("compiled", 3), level, Acting(twin, epsilon=0.3, key=7))
     assert digest_of(ours) == digest_of(stepped)
     assert ours.decisions.actions.tolist() == theirs.decisions.actions.tolist()
     np.testing.assert_allclose(ours.decisions.log_probabilities, theirs.decisions.log_probabilities, atol=1e-5)
@@ -60,12 +66,14 @@ def test_what_does_not_fit_is_refused():
     with pytest.raises(ValueError, match="missing"):
         module.load({})
     with pytest.raises(TypeError, match="ModuleChooser is not compiled: play step by step"):
-        play(player("compiled", 3), LevelSupply().training("easy", 3), Acting(module))
+        play(study_player("compiled", 3), LevelSupply().training("easy", 3), Acting(module))
 
 
 def test_a_module_of_any_kind_acts():
     module = ModuleChooser(nn.Linear(252, 5), 252, 5, is_policy=False)
     assert module.zero_state(3).shape == (3, 0)
-    course = play(player("compiled", 3, has_twin=False), LevelSupply().training("easy", 3), Acting(module, greedy=True))
+    course = play(
+        study_player("compiled", 3, has_twin=False), LevelSupply().training("easy", 3), Acting(module, greedy=True)
+    )
     first = module.outputs(course.decisions.observations[:1])[0]
     assert course.decisions.actions[0] == first.argmax()

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import torch
 
-from common.config import NetworkConfig
 from common.interpreter import PYTHON
 from common.policy.acting import EpsilonGreedy
 from common.policy.actor_critic import build_actor_critic
@@ -15,6 +14,7 @@ from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters
 from common.policy.packing import KINDS, Layout
 from common.policy.recurrent import build_recurrent_network
+from common.rules.settings import NetworkConfig
 from common.seeding import stream_key
 
 ASSEMBLY = """

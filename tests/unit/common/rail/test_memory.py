@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.config import DIFFICULTIES, NetworkConfig
 from common.levels.shipped import generate
 from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters
-from common.policy.player import MAX_TRAINS, Acting, network_layout, play
+from common.policy.player import Acting, compiled_world, network_layout, play
 from common.policy.rollout import Rollouts
 from common.rail.flatland_world import FlatlandWorld
+from common.rules.settings import NetworkConfig
+from common.world import study_world
 
 EPISODES = 2000
 WARM_UP_EPISODES = 200
@@ -33,7 +34,7 @@ def test_memory_does_not_grow_with_episodes():
     rng = np.random.default_rng(0)
     used_mb = []
     for seed in range(EPISODES):
-        world.load(0, generate(DIFFICULTIES[seed % 3], seed))
+        world.load(0, generate(("easy", "medium", "hard")[seed % 3], seed))
         for _ in range(STEPS):
             for _, train in np.argwhere(world.deciding()).tolist():
                 world.observe(0, train)
@@ -47,9 +48,9 @@ def test_memory_does_not_grow_with_episodes():
 @pytest.mark.slow
 def test_memory_does_not_grow_with_compiled_episodes():
     config = NetworkConfig(kind="dueling")
-    twin, rollouts = Twin(network_layout(config)), Rollouts(MAX_TRAINS)
+    twin, rollouts = Twin(network_layout(config, 252)), Rollouts(compiled_world(study_world(), "legacy", 7))
     twin.load(export_parameters(build_network(config, 252, 5, seed=1)))
-    levels = [generate(DIFFICULTIES[seed % 3], seed) for seed in range(30)]
+    levels = [generate(("easy", "medium", "hard")[seed % 3], seed) for seed in range(30)]
     used_mb = []
     for number in range(COMPILED_EPISODES):
         play(rollouts, levels[number % len(levels)], Acting(twin, epsilon=0.5, key=number))

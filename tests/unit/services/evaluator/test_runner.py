@@ -4,13 +4,19 @@ import numpy as np
 import pytest
 from made_episodes import course_of, decisions_of
 
-from common.config import NetworkConfig
 from common.levels.supply import LevelSupply
 from common.policy.checkpoints import load_policy
 from common.policy.player import Acting, play, player
+from common.rules.settings import NetworkConfig
+from common.world import study_world
 from services.evaluator.runner import UnplayableLevelError, evaluate, greedy, sampled
 
 LEVELS = [LevelSupply().evaluation("easy", index) for index in range(4)]
+
+
+def study_player(engine, trains=7, **options):
+    """What plays the study's levels."""
+    return player(engine, study_world(), "legacy", trains, **options)
 
 
 def course(level, rewards, arrived_at, score=None):
@@ -37,29 +43,32 @@ def test_a_score_worked_by_hand():
 
 def test_a_level_that_cannot_be_played_is_named():
     with pytest.raises(UnplayableLevelError, match=r"^level 0: the level has 3 trains, the world has room for 2$"):
-        evaluate(lambda _, level: player("compiled", 2).begin(level), LEVELS)
+        evaluate(lambda _, level: study_player("compiled", 2).begin(level), LEVELS)
 
 
 @pytest.fixture(scope="module")
 def twin(write_checkpoint, tmp_path_factory):
     path = tmp_path_factory.mktemp("policy") / "weights.safetensors"
-    return load_policy(write_checkpoint(path, NetworkConfig(kind="actor-critic"), seed=1)).twin
+    return load_policy(write_checkpoint(path, NetworkConfig(kind="actor-critic"), seed=1)).network
 
 
 def test_greedy_play_takes_the_best_and_the_room_for_trains_changes_nothing(twin):
-    expected = [play(player("flatland", 3), level, Acting(twin, greedy=True)).normalised_return for level in LEVELS]
+    expected = [
+        play(study_player("flatland", 3), level, Acting(twin, greedy=True)).normalised_return for level in LEVELS
+    ]
     assert len(set(expected)) > 2
-    assert evaluate(greedy(player("compiled", 3), twin), LEVELS).returns.tolist() == expected
-    assert evaluate(greedy(player("compiled", 40), twin), LEVELS).returns.tolist() == expected
+    assert evaluate(greedy(study_player("compiled", 3), twin), LEVELS).returns.tolist() == expected
+    assert evaluate(greedy(study_player("compiled", 40), twin), LEVELS).returns.tolist() == expected
 
 
 def test_samples_are_those_of_seed_and_number(twin):
     together = [
-        sampled(player("compiled", 3), twin, 5)(index, level).decisions.actions for index, level in enumerate(LEVELS)
+        sampled(study_player("compiled", 3), twin, 5)(index, level).decisions.actions
+        for index, level in enumerate(LEVELS)
     ]
-    policy = sampled(player("compiled", 3), twin, 5)
+    policy = sampled(study_player("compiled", 3), twin, 5)
     for index in (3, 0):  # in another order, without the others
         np.testing.assert_array_equal(policy(index, LEVELS[index]).decisions.actions, together[index])
-    for other in (policy(1, LEVELS[0]), sampled(player("compiled", 3), twin, 6)(0, LEVELS[0])):
+    for other in (policy(1, LEVELS[0]), sampled(study_player("compiled", 3), twin, 6)(0, LEVELS[0])):
         assert other.decisions.actions.tolist() != together[0].tolist()
-    assert greedy(player("compiled", 3), twin)(0, LEVELS[0]).decisions.actions.tolist() != together[0].tolist()
+    assert greedy(study_player("compiled", 3), twin)(0, LEVELS[0]).decisions.actions.tolist() != together[0].tolist()

@@ -5,10 +5,13 @@ import pytest
 import torch
 from torch import nn
 
-from common.config import DqnConfig, NetworkConfig, PpoConfig, SilConfig
 from common.policy.actor_critic import build_actor_critic
 from common.policy.networks import build_network
 from common.policy.recurrent import build_recurrent_network
+from common.rules.policies import PpoConfig
+from common.rules.settings import NetworkConfig
+from common.rules.sil import SilConfig
+from common.rules.values import DqnConfig
 from services.learner.algorithms.dqn import Dqn
 from services.learner.algorithms.ppo import Ppo
 from services.learner.algorithms.shapes import check_shapes

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from common.config import DIFFICULTIES, Difficulty
+from common.levels.distributions import shipped
 from common.levels.level import Level
 from common.levels.lines import find_line, lay_line
 from common.levels.shipped import generate
@@ -36,8 +36,8 @@ def test_numbers_by_hand():
     assert numbers(no_way) == (3, 0, [-1])
 
 
-@pytest.mark.parametrize("difficulty", DIFFICULTIES)
-def test_distances_are_those_that_trains_observe(difficulty: Difficulty):
+@pytest.mark.parametrize("difficulty", shipped())
+def test_distances_are_those_that_trains_observe(difficulty: str):
     world = FlatlandWorld(slots=1, max_trains=7)
     for seed in range(3):
         level = generate(difficulty, seed)

@@ -3,7 +3,16 @@
 import numpy as np
 import played
 import pytest
-from made_rails import line, scheduled
+from made_rails import (
+    ALONG,
+    NORTH_EAST,
+    NORTH_WEST,
+    SOUTH_EAST,
+    SOUTH_WEST,
+    WEST_END,
+    line,
+    scheduled,
+)
 
 from common.levels.distributions import Bounds
 from common.levels.level import Level, Malfunctions
@@ -17,7 +26,6 @@ from common.rail.observations.global_map import GlobalObservation
 from common.rail.observations.tree import TreeObservation
 from common.rail.world import MOVE_FORWARD, STOP_MOVING
 
-ALONG = 0x0401
 MODES = {"stock": STOCK, "legacy": LEGACY, "repaired": REPAIRED}
 
 
@@ -133,6 +141,28 @@ def test_what_does_not_fit_is_refused():
     world = CompiledWorld(1, 3)
     with pytest.raises(ValueError, match="no train can stand on the target of train 1"):
         world.load(0, nowhere)
+    assert world.over()[0]
+
+
+def snake(side: int) -> Level:
+    """A line through all cells of a square grid, row after row; a train at its start, bound for its end."""
+    grid = np.full((side, side), ALONG, np.uint16)
+    grid[0::2, -1], grid[1::2, -1] = NORTH_EAST, SOUTH_EAST
+    grid[1::2, 0], grid[2::2, 0] = NORTH_WEST, SOUTH_WEST
+    grid[0, 0] = grid[-1, 0] = WEST_END
+    return Level(grid, np.array([[0, 0, 3]], np.int32), np.array([[side - 1, 0]], np.int32), 20)
+
+
+def test_there_is_room_for_large_levels_and_what_is_too_large_is_refused():
+    world = CompiledWorld(1, 1)
+    world.load(0, snake(100))
+    assert world.batch.worlds[0]["cells"] == 10_000
+    assert world.batch.distances[0, 0, 3] == 9_999  # from the dead end
+    world.step(np.full((1, 1), MOVE_FORWARD, np.int8))
+    world.step(np.full((1, 1), MOVE_FORWARD, np.int8))
+    assert world.trees()[0, 0, 0, 6] == 9_998
+    with pytest.raises(ValueError, match="too far from a target: 32,766 cells"):
+        world.load(0, snake(182))
     assert world.over()[0]
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from common.config import NetworkConfig
 from common.levels.level import Level
 from common.levels.supply import LevelSupply
 from common.policy.checkpoints import load_policy
@@ -11,11 +10,18 @@ from common.rail.compiled.world import CompiledWorld
 from common.rail.world import DO_NOTHING, MOVE_LEFT, MOVE_RIGHT
 from common.rail.world import MOVE_FORWARD as FORWARD
 from common.records.acting import digest_of
+from common.rules.settings import NetworkConfig
 from common.seeding import stream_key
+from common.world import study_world
 from services.evaluator.references.policies import reference_policy
 
 EAST, WEST = 1, 3
 ALONG, WEST_END, EAST_END = 0x0401, 0x0004, 0x0100
+
+
+def study_player(engine, trains=7, **options):
+    """What plays the study's levels."""
+    return player(engine, study_world(), "legacy", trains, **options)
 
 
 def line(*trains, max_steps=20):
@@ -34,10 +40,10 @@ def played(name, level, index=0, **options):
 
 def test_random_trains_act_as_a_network_that_only_explores(write_checkpoint, tmp_path):
     network = NetworkConfig(kind="dueling")
-    twin = load_policy(write_checkpoint(tmp_path / "weights.safetensors", network)).twin
+    twin = load_policy(write_checkpoint(tmp_path / "weights.safetensors", network)).network
     level = LevelSupply().evaluation("easy", 1)
     acting = Acting(twin, epsilon=1.0, key=stream_key(5, 2, "evaluation-random"))
-    expected, ours = play(player("compiled", 3), level, acting), played("random", level, 2, seed=5)
+    expected, ours = play(study_player("compiled", 3), level, acting), played("random", level, 2, seed=5)
     np.testing.assert_array_equal(ours.rewards, expected.rewards)
     ours, expected = ours.decisions, expected.decisions
     told = {(time, train): action for time, train, action in zip(ours.times, ours.trains, ours.actions, strict=True)}
