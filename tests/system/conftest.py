@@ -42,10 +42,11 @@ class Clusters:
     def folder(self, name: str) -> RunFolder:
         return RunFolder(self.root / name)
 
-    def railctl(self, *arguments: str, code: int = 0) -> subprocess.CompletedProcess[str]:
-        """Run a command to its end and check its exit code."""
+    def railctl(self, *arguments: str, code: int = 0, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+        """Run a command to its end, in some folder, and check its exit code."""
         done = subprocess.run(
             [RAILCTL, *arguments],
+            cwd=cwd,
             env=self.environment,
             capture_output=True,
             text=True,

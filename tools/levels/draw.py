@@ -4,6 +4,7 @@ Where the rails lie: `common.rail.tracks`.
 """
 
 from itertools import pairwise
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib import patheffects
 from matplotlib import pyplot as plt
+from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Rectangle
 from numpy.typing import NDArray
@@ -22,6 +24,7 @@ from tools.levels.routes import Place, shortest_route
 
 HEADINGS = "NESW"
 CELL_INCHES, MOST_INCHES = 0.34, 24.0  # of a cell, and of all
+LINES_PER_INCH, LEAST_LINES = 5.0, 12  # of the legend, beside the map
 HALO = [patheffects.withStroke(linewidth=2.2, foreground="white")]
 
 
@@ -30,17 +33,19 @@ def draw(level: Level, path: Path, title: str) -> Path:
     mpl.use("Agg")
     height, width = level.grid.shape
     inches = min(CELL_INCHES, MOST_INCHES / max(height, width))
-    figure, axes = plt.subplots(figsize=(width * inches + 2.6, height * inches + 0.9), layout="constrained")
+    figure = plt.figure(figsize=(width * inches, height * inches))  # the map; saving makes room for what is around it
+    axes = figure.add_axes((0, 0, 1, 1))
     axes.set(xlim=(0, width), ylim=(height, 0), aspect="equal", facecolor=GROUND)
     axes.set_title(title, fontsize=11, loc="left")
     _ticks(axes, height, width)
-    _rails(axes, level.grid)
+    _rails(axes, level.grid, inches / CELL_INCHES)
     handles = [_train(axes, level, train) for train in range(level.n_trains)]
     axes.legend(
         handles=handles,
         title=f"{level.n_trains} trains, {level.max_steps} steps\ntrain: start to target",
         loc="upper left",
         bbox_to_anchor=(1.01, 1),
+        ncols=ceil(level.n_trains / max(LEAST_LINES, int(height * inches * LINES_PER_INCH) - 3)),
         frameon=False,
         alignment="left",
         fontsize=9,
@@ -64,13 +69,12 @@ def _ticks(axes: Any, height: int, width: int) -> None:
         spine.set_color(GRID_LINE)
 
 
-def _rails(axes: Any, grid: NDArray[np.uint16]) -> None:
+def _rails(axes: Any, grid: NDArray[np.uint16], scale: float) -> None:
     lines, stops = tracks(grid)
-    for colour, thickness in ((BED, 6.0), (STEEL, 1.5)):
-        for line in lines:
-            axes.plot(*line.T, color=colour, linewidth=thickness, solid_capstyle="butt", zorder=2)
-    for stop in stops:
-        axes.plot(*stop.T, color=STEEL, linewidth=3.0, solid_capstyle="butt", zorder=3)
+    for parts, colour, thickness, order in ((lines, BED, 6.0, 2), (lines, STEEL, 1.5, 2.1), (stops, STEEL, 3.0, 3)):
+        axes.add_collection(
+            LineCollection(list(parts), colors=colour, linewidths=thickness * scale, capstyle="butt", zorder=order)
+        )
 
 
 def _train(axes: Any, level: Level, train: int) -> Line2D:

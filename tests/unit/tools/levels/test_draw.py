@@ -1,0 +1,26 @@
+"""Pictures of levels, with however many trains."""
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from common.levels.shipped import generate
+from tools.levels.draw import draw
+
+
+def size(path: Path) -> tuple[int, int]:
+    with Image.open(path) as image:
+        return image.size
+
+
+def test_many_trains_stand_in_columns_beside_the_map(tmp_path: Path):
+    level = generate("easy", 1)
+    crowd = replace(level, starts=np.tile(level.starts, (24, 1)), targets=np.tile(level.targets, (24, 1)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        few, many = (size(draw(some, tmp_path / f"{some.n_trains}.png", "made")) for some in (level, crowd))
+    assert many[1] == few[1]  # the map is as large, and no list hangs below it
+    assert many[0] > few[0]
