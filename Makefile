@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # One thread a process for numerics, and arithmetic that does not depend on memory alignment.
 TEST_ENVIRONMENT := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 MKL_CBWR=AUTO,STRICT
 
-.PHONY: install demo check test parity browser soak clean
+.PHONY: install demo check test parity browser sb3 soak clean
 
 install: $(VENV)/installed
 
@@ -31,7 +31,7 @@ check: install
 	$(BIN)/lint-imports
 
 test: check
-	$(TEST_ENVIRONMENT) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not slow and not parity and not browser'
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not slow and not parity and not browser and not sb3'
 
 parity: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m parity tests/parity
@@ -39,6 +39,12 @@ parity: install
 # Needs Chromium (Debian: apt-get install chromium); leaves screenshots in .browser.
 browser: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m browser --basetemp .browser tests/unit/analysis/report
+
+# Adds stable-baselines3 and SuperSuit to .venv; trains for a minute or two.
+sb3: install
+	$(BIN)/pip install --quiet --no-compile --constraint constraints.txt --editable '.[sb3]'
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -m sb3 tests/unit/adapters
+	$(TEST_ENVIRONMENT) $(BIN)/python examples/train_sb3.py
 
 soak: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m slow

@@ -11,12 +11,15 @@ from collections.abc import Callable
 import numpy as np
 from stable_baselines3 import PPO
 from stable_baselines3.common.utils import set_random_seed
+from stable_baselines3.common.vec_env import VecNormalize
 from supersuit import black_death_v3, pettingzoo_env_to_vec_env_v1
 from supersuit.vector import ConcatVecEnv
 from supersuit.vector.sb3_vector_wrapper import SB3VecEnvWrapper
 
 from adapters.pettingzoo_env import TrainsEnv
 from common.levels.supply import LevelSupply
+
+GAMMA = 0.995
 
 
 def training_environment(name: str, copies: int) -> SB3VecEnvWrapper:
@@ -62,12 +65,12 @@ def main() -> None:
     env = training_environment(options.levels, options.copies)
     model = PPO(
         "MlpPolicy",
-        env,
+        VecNormalize(env, norm_obs=False, gamma=GAMMA),  # rewards add up to hundreds
         n_steps=256,
         batch_size=512,
-        n_epochs=4,
-        gamma=0.995,
-        ent_coef=0.01,
+        n_epochs=6,
+        learning_rate=1e-3,
+        gamma=GAMMA,
         policy_kwargs={"net_arch": [128, 128]},
         device="cpu",
     )

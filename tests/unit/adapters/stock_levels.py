@@ -9,7 +9,7 @@ RUSH = {
     "trains": 4,
     "cities": 2,
     "speeds": {1.0: 0.5, 0.5: 0.3, 0.33: 0.2},
-    "malfunctions": {"rate": 0.01, "min_steps": 3, "max_steps": 12},
+    "malfunctions": {"rate": 0.03, "min_steps": 3, "max_steps": 12},
     "held_out": 3,
 }
 

@@ -1,11 +1,15 @@
 """Checkpoints of any world in flatland-rl's hands: the same episode as in ours where the rules are, else a refusal."""
 
+import click
 import numpy as np
 import pytest
 from flatland.envs.persistence import RailEnvPersister
 from stock_levels import RUSH, rush_level
+from terminal import run_command
 
 from adapters.flatland_tools import CheckpointObservation, CheckpointPolicy, StudyRewards
+from common.levels.distributions import shipped
+from common.levels.supply import LevelSupply
 from common.policy.checkpoints import load_policy
 from common.policy.player import Acting, play, player
 from common.rules.settings import NetworkConfig
@@ -23,8 +27,13 @@ OBSERVATIONS = {
 
 
 def world_of(observation, decisions="cells", **levels):
-    rush = RUSH | levels
-    return {"levels": {"rush": rush}, "mix": {"rush": 1.0}, "observation": observation, "decisions": decisions}
+    return {
+        "levels": {"rush": RUSH | levels},
+        "mix": {"rush": 1.0},
+        "observation": observation,
+        "decisions": decisions,
+        "evaluation": {"levels": RUSH["held_out"]},
+    }
 
 
 @pytest.fixture
@@ -66,10 +75,23 @@ def run(env):
     return made, arrived_at, step + 1
 
 
-def check_same(level, saved, tmp_path):
-    made, arrived_at, steps = run(exported(level, tmp_path))
+def ours(level, saved):
     engine = player("compiled", saved.config.world, "stock", level.n_trains)
-    course = play(engine, level, Acting(saved.network, greedy=True), SEED)
+    return play(engine, level, Acting(saved.network, greedy=True), SEED)
+
+
+def lively(checkpoint_of, world, level, network=None):
+    """The episode of a random policy under which trains drive about, and which does not always say the same."""
+    for seed in range(60):
+        course = ours(level, checkpoint_of(world, network, seed))
+        decisions = course.decisions
+        if len(set(decisions.actions.tolist())) > 1 and len(np.unique(decisions.observations, axis=0)) > 10:
+            return course
+    raise AssertionError("no random policy does more than one thing")
+
+
+def check_same(level, course, tmp_path):
+    made, arrived_at, steps = run(exported(level, tmp_path))
     assert steps == course.last_step
     np.testing.assert_array_equal(arrived_at, course.arrived_at)
     decisions = course.decisions
@@ -77,25 +99,106 @@ def check_same(level, saved, tmp_path):
         zip(decisions.times.tolist(), decisions.trains.tolist(), decisions.actions.tolist(), strict=True)
     )
     np.testing.assert_array_equal(np.array([vector for _, _, vector, _ in made]), decisions.observations)
-    return course
 
 
 @pytest.mark.parametrize("kind", OBSERVATIONS)
 def test_an_episode_under_stock_rules_is_ours_step_by_step(checkpoint_of, tmp_path, kind):
-    saved = checkpoint_of(world_of(OBSERVATIONS[kind]))
     level = rush_level(5)
-    assert level.schedule.malfunctions.rate == 0.01
+    assert level.schedule.malfunctions.rate == RUSH["malfunctions"]["rate"]
     assert len({tuple(speed) for speed in level.schedule.speeds.tolist()}) > 1
-    course = check_same(level, saved, tmp_path)
-    assert len(set(course.decisions.actions.tolist())) > 1
+    course = lively(checkpoint_of, world_of(OBSERVATIONS[kind]), level)
+    check_same(level, course, tmp_path)
 
 
 @pytest.mark.parametrize("decisions", ["legacy", "always"])
 def test_trains_decide_where_their_run_had_them_decide(checkpoint_of, tmp_path, decisions):
-    few, many = rush_level(5), checkpoint_of(world_of({"kind": "tree", "depth": 1}, decisions))
-    check_same(few, many, tmp_path)
+    level, tree = rush_level(5), {"kind": "tree", "depth": 1}
+    course = lively(checkpoint_of, world_of(tree, decisions), level)
+    check_same(level, course, tmp_path)
 
 
 def test_a_recurrent_policy_remembers_as_in_training(checkpoint_of, tmp_path):
-    network = NetworkConfig(kind="recurrent", hidden=(16, 8))
-    check_same(rush_level(6), checkpoint_of(world_of({"kind": "tree", "depth": 1}), network, 3), tmp_path)
+    network, level = NetworkConfig(kind="recurrent", hidden=(16, 8)), rush_level(6)
+    course = lively(checkpoint_of, world_of({"kind": "tree", "depth": 1}), level, network)
+    check_same(level, course, tmp_path)
+
+
+def test_trains_break_down_as_the_generator_of_the_environment_says(checkpoint_of, tmp_path):
+    level = rush_level(5)
+    course = lively(checkpoint_of, world_of({"kind": "tree"}), level)
+    broken = []
+    for seed in (SEED, SEED + 1):
+        env = exported(level, tmp_path, seed)
+        broken.append((run(env)[2], [agent.malfunction_handler.num_malfunctions for agent in env.agents]))
+    assert broken[0] != broken[1]
+    assert broken[0][0] == course.last_step
+
+
+def test_a_policy_of_both_rules_plays_as_under_stock_rules(checkpoint_of, tmp_path):
+    level, world = rush_level(5), world_of({"kind": "tree"})
+    world["levels"]["tame"] = shipped()["easy"].model_dump(mode="json")
+    course = lively(checkpoint_of, world | {"mix": {"tame": 0.5, "rush": 0.5}}, level)
+    check_same(level, course, tmp_path)
+
+
+def test_a_global_observation_has_room_for_the_runs_levels_only(checkpoint_of, tmp_path):
+    checkpoint_of(world_of({"kind": "global"}))
+    smaller, larger = rush_level(5, size=[20, 20]), rush_level(5, size=[25, 22])
+    assert len(run(exported(smaller, tmp_path))[0]) > 0
+    with pytest.raises(click.ClickException, match=r"its grid is 25x22, and .* has room for 24x22: use levels of that"):
+        run(exported(larger, tmp_path))
+
+
+@pytest.mark.parametrize("kind", ["study", "plain", "repaired", "local"])
+def test_other_observations_are_made_of_levels_of_any_size(checkpoint_of, tmp_path, kind):
+    saved = checkpoint_of(world_of(OBSERVATIONS[kind], size=[20, 20]))
+    made, _, _ = run(exported(rush_level(5), tmp_path))
+    assert {len(vector) for _, _, vector, _ in made} == {saved.config.world.n_features}
+
+
+def test_a_policy_refuses_the_observations_of_another_checkpoint(checkpoint_of, tmp_path):
+    checkpoint_of(world_of({"kind": "tree", "depth": 1}))
+    env = exported(rush_level(5), tmp_path)
+    checkpoint_of(world_of({"kind": "tree", "depth": 2}))
+    with pytest.raises(click.ClickException, match="observations of 60 values for a network that takes 252: let RAIL"):
+        run(env)
+
+
+@pytest.mark.parametrize("kind", ["deep", "global", "local"])
+def test_a_policy_of_the_old_rules_is_translated_whatever_it_sees(write_checkpoint, monkeypatch, tmp_path, kind):
+    """As `test_flatland_tools` for the study's tree: all positions agree a step later."""
+    path = tmp_path / "weights.safetensors"
+    world = {"mix": {"easy": 1.0}, "observation": OBSERVATIONS[kind]}
+    monkeypatch.setenv("RAILCTL_CHECKPOINT", str(path))
+    level = LevelSupply().evaluation("easy", 4)
+    for seed in range(60):
+        saved = load_policy(write_checkpoint(path, NetworkConfig(hidden=(32,)), seed, world))
+        engine = player("compiled", saved.config.world, "legacy", level.n_trains)
+        course = play(engine, level, Acting(saved.network, greedy=True))
+        if (course.arrived_at >= 0).any() and len(set(course.decisions.actions.tolist())) > 1:
+            break
+    _, arrived_at, _ = run(exported(level, tmp_path))
+    expected = np.where(course.arrived_at >= 0, course.arrived_at + 1, -1)
+    np.testing.assert_array_equal(arrived_at, expected)
+    assert (arrived_at >= 0).any()
+
+
+def test_the_console_commands_take_a_checkpoint_of_stock_rules(checkpoint_of, tmp_path):
+    level = rush_level(5)
+    checkpoint_of(world_of({"kind": "local", "radius": 3}))
+    save_pickle(tmp_path / "level.pkl", level)
+    (tmp_path / "data").mkdir()
+    where = ["--data-dir", "data", "--ep-id", "one", "--rewards", "adapters.flatland_tools.StudyRewards"]
+    generated = run_command(
+        tmp_path,
+        "flatland-trajectory-generate-from-policy",
+        *where,
+        *("--policy", "adapters.flatland_tools.CheckpointPolicy"),
+        *("--obs-builder", "adapters.flatland_tools.CheckpointObservation"),
+        *("--env-path", "level.pkl", "--snapshot-interval", "0"),
+        RAILCTL_CHECKPOINT=str(tmp_path / "weights.safetensors"),
+    )
+    assert generated.returncode == 0, generated.stderr
+    evaluated = run_command(tmp_path, "flatland-trajectory-evaluate", *where)
+    assert evaluated.returncode == 0, evaluated.stderr
+    assert "trains arrived. Expected" in evaluated.stdout

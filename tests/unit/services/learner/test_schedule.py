@@ -70,6 +70,6 @@ def test_shares_are_kept(mix):
 
 
 def test_shares_that_do_not_quite_add_up_to_one_still_name_a_difficulty(monkeypatch):
-    monkeypatch.setattr("services.learner.schedule.uniform", lambda _key, _counter: 1 - 2**-53)
+    monkeypatch.setattr("common.seeding.uniform", lambda _key, _counter: 1 - 2**-53)
     mix = {"easy": 0.1, "hard": 0.7, "medium": 0.2 - 1e-12}
     assert set(levels_of(config(mix))) == {"medium"}
