@@ -142,7 +142,7 @@ def test_runs_are_told_apart_by_the_settings_in_which_they_differ(tmp_path):
     ]
 
 
-RUSH = {"rules": "stock", "size": [20, 30], "trains": 9, "cities": 3}
+RUSH = {"rules": "stock", "size": [20, 30], "trains": 9, "cities": 2}
 
 
 def own(**changes):

@@ -134,7 +134,7 @@ def test_the_levels_are_described_once_each():
         "rules": "stock",
         "size": [20, 30],
         "trains": 9,
-        "cities": 3,
+        "cities": 2,
         "malfunctions": {"rate": 0.1, "min_steps": 2, "max_steps": 3},
     }
     given = {"levels": {"rush": rush}, "mix": {"easy": 0.5, "rush": 0.5}}
@@ -153,7 +153,7 @@ def test_the_levels_are_described_once_each():
             "20x30",
             "9",
             (
-                "cities 3, rails_between_cities 2, held_out 100, rail_pairs_in_city 2, timetable true, "
+                "cities 2, rails_between_cities 2, held_out 100, rail_pairs_in_city 2, timetable true, "
                 "malfunctions.rate 0.1, malfunctions.min_steps 2, malfunctions.max_steps 3"
             ),
         ],
