@@ -20,7 +20,7 @@ from common.interpreter import PYTHON
 from common.records.acting import Weights
 from common.records.control import CommandAnswer, Empty
 from common.records.rows import HistoryRequest
-from common.wire.codec import encode, encoding_of
+from common.wire.codec import SCHEMA_VERSION, encode, encoding_of
 from common.wire.keys import ALL_ALIVE, Alive, Service, Topic
 from deploy.launch import LOOPBACK, free_port
 
@@ -333,7 +333,7 @@ def test_a_token_of_another_form_is_refused(namespace, buses, stranger):
 @pytest.mark.parametrize(
     ("body", "encoding"),
     [
-        (encode(number(1)), "application/msgpack;railctl.HistoryRequest.3"),
+        (encode(number(1)), f"application/msgpack;railctl.HistoryRequest.{SCHEMA_VERSION + 1}"),
         (encode(number(1)), "application/msgpack;railctl.Empty.1"),
         (encode(number(1)), "zenoh/bytes"),
         (b"\xc1", encoding_of(HistoryRequest)),
@@ -371,7 +371,7 @@ def test_a_refused_question_names_the_reason_and_the_next_one_is_answered(namesp
 @pytest.mark.parametrize(
     ("body", "encoding", "reason"),
     [
-        (encode(Empty()), encoding_of(Empty), "echo: schema is 'application/msgpack;railctl.Empty.2'"),
+        (encode(Empty()), encoding_of(Empty), f"echo: schema is 'application/msgpack;railctl.Empty.{SCHEMA_VERSION}'"),
         (b"\xc1", encoding_of(CommandAnswer), "echo: CommandAnswer: not a message"),
     ],
 )

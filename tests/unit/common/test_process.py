@@ -191,7 +191,7 @@ def run(tmp_path):
     """A run whose router listens."""
     folder = RunFolder(tmp_path)
     endpoint = f"tcp/{LOOPBACK}:{free_port()}"
-    folder.config_file.write_text(yaml.safe_dump(CONFIG.model_dump(mode="json")))
+    folder.config_file.write_text(yaml.safe_dump(CONFIG.plain()))
     folder.cluster_file.write_text(json.dumps({"endpoint": endpoint, "namespace": "railctl/test"}))
     with open_router(endpoint):
         yield folder
@@ -249,7 +249,7 @@ def test_a_place_needs_a_configuration_and_a_cluster(tmp_path, handlers):
         service_context(folder, "learner", "learner"),
     ):
         pass
-    folder.config_file.write_text(yaml.safe_dump(CONFIG.model_dump(mode="json")))
+    folder.config_file.write_text(yaml.safe_dump(CONFIG.plain()))
     with (
         pytest.raises(NoAnswer, match="has no cluster: start one with railctl up"),
         service_context(folder, "learner", "learner"),

@@ -94,7 +94,7 @@ def test_a_file_cut_anywhere_holds_the_first_rows_and_goes_on_from_there(tmp_pat
         b"\xff\xfe",
         b'{"episode": 1}',
         row(1).model_dump_json(by_alias=True).replace("-0.5", "NaN").encode(),
-        row(1).model_dump_json(by_alias=True).replace('"easy"', '"none"').encode(),
+        row(1).model_dump_json(by_alias=True).replace('"easy"', '"no name"').encode(),
         row(1).model_dump_json(by_alias=True).replace('"level"', '"colour"').encode(),
     ],
 )

@@ -545,7 +545,9 @@ def test_an_earlier_configuration_may_be_a_run_file(path):
 @st.composite
 def speeds(draw):
     shares = draw(st.lists(st.integers(1, 9), min_size=1, max_size=3))
-    each = draw(st.lists(st.sampled_from([1.0, 0.5, 0.33, 0.25, 0.2]), min_size=len(shares), max_size=len(shares), unique=True))
+    each = draw(
+        st.lists(st.sampled_from([1.0, 0.5, 0.33, 0.25, 0.2]), min_size=len(shares), max_size=len(shares), unique=True)
+    )
     return {speed: share / sum(shares) for speed, share in zip(each, shares, strict=True)}
 
 

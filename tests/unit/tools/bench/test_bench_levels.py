@@ -11,7 +11,7 @@ from common.rail.compiled.world import CompiledWorld
 from tools.bench.levels import check_rails, comparison, comparisons
 from tools.bench.measuring import DisagreementError, measure
 
-LEVEL = generate("easy", 1)
+LEVEL = generate(shipped()["easy"], 1)
 
 
 def test_rows_have_both_times():

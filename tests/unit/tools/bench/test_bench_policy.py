@@ -10,10 +10,10 @@ from common.levels.legacy import generate
 from common.levels.level import Level
 from common.policy.compiled import Twin
 from common.policy.networks import export_parameters
-from common.policy.player import MAX_TRAINS, Acting, network_layout, play
-from common.policy.rollout import Rollouts
+from common.policy.player import Acting, network_layout, play
 from common.records.course import Course
 from tools.bench import policy
+from tools.bench.conditions import N_FEATURES, study_rollouts
 from tools.bench.measuring import DisagreementError, measure
 from tools.bench.policy import NETWORK, TheirPlayer, comparison, comparisons, pathfinder, script_of
 
@@ -25,13 +25,13 @@ def short(level: Level) -> Level:
 
 
 def played(level: Level, *, greedy: bool) -> Course:
-    twin = Twin(network_layout(NETWORK))
+    twin = Twin(network_layout(NETWORK, N_FEATURES))
     twin.load(export_parameters(pathfinder()))
-    return play(Rollouts(MAX_TRAINS), level, Acting(twin, 0.5, 7, greedy))
+    return play(study_rollouts(), level, Acting(twin, 0.5, 7, greedy))
 
 
 def test_the_network_follows_the_shortest_path():
-    level = generate("easy", 4)
+    level = generate(shipped()["easy"], 4)
     alone = replace(level, starts=level.starts[:1], targets=level.targets[:1])
     course = played(alone, greedy=True)
     root_distance = round((1 + float(course.decisions.observations[0][6])) * 100)
@@ -40,14 +40,14 @@ def test_the_network_follows_the_shortest_path():
 
 @pytest.mark.parametrize("level_name", [*shipped()])
 def test_flatland_plays_our_episode_again(level_name: str):
-    level = short(generate(level_name, 2))
+    level = short(generate(shipped()[level_name], 2))
     script = script_of(level, played(level, greedy=False))
     assert sum(map(len, script.deciding)) == len(script.course.decisions)
     assert min(TheirPlayer(pathfinder()).play(script)) > 0
 
 
 def test_another_episode_is_an_error():
-    level = short(generate("easy", 2))
+    level = short(generate(shipped()["easy"], 2))
     script = script_of(level, played(level, greedy=False))
     script.course.rewards[-1] = np.zeros(3, np.float32)
     with pytest.raises(DisagreementError, match="another way"):
@@ -55,7 +55,7 @@ def test_another_episode_is_an_error():
 
 
 def test_rows_have_both_times(monkeypatch: pytest.MonkeyPatch):
-    rows = measure([comparison("tiny", [short(generate("easy", 1))], pathfinder())], repeats=1)
+    rows = measure([comparison("tiny", [short(generate(shipped()["easy"], 1))], pathfinder())], repeats=1)
     assert [(row.name, row.unit) for row in rows] == [
         ("step with policy tiny", "us/step"),
         ("episode with policy tiny", "ms/episode"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from made_rails import EAST, WEST, line, scheduled
 
-from common.levels.distributions import Bounds
+from common.levels.distributions import Bounds, shipped
 from common.levels.legacy import generate
 from common.rail.compiled.world import CompiledWorld
 from common.rail.observations.global_map import GlobalObservation
@@ -66,7 +66,7 @@ def test_values_have_an_upper_end():
 
 @pytest.mark.parametrize("radius", [1, 4, 30])
 def test_a_local_map_is_a_window_of_the_global_one(radius: int):
-    level, rng = generate("hard", 2), np.random.default_rng(radius)
+    level, rng = generate(shipped()["hard"], 2), np.random.default_rng(radius)
     kinds = GlobalObservation(), LocalObservation(radius=radius)
     whole, window = (
         CompiledWorld(1, 7, rules="stock", observation=kind, bounds=Bounds(25, 25, 7), decisions="always")

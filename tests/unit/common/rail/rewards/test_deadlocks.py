@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common.levels.distributions import shipped
 from common.levels.legacy import generate
 from common.rail.compiled.arrays import DONE
 from common.rail.compiled.world import CompiledWorld
@@ -42,7 +43,7 @@ def test_a_train_in_a_deadlock_never_moves_again():
     found = 0
     for seed in range(6):
         world, rng = CompiledWorld(1, 7, rules="stock", decisions="always"), np.random.default_rng(seed)
-        world.load(0, generate("hard", seed))
+        world.load(0, generate(shipped()["hard"], seed))
         trains, places = world.batch.trains[0], {}
         stuck = np.zeros(7, np.bool_)
         while not world.over()[0]:
