@@ -76,11 +76,14 @@ def progress_line(status: Status) -> str:
 
 def named_table(*headings: str) -> Table:
     """A table without lines that cuts no name short: what is too long for its column goes on in the next line."""
-    return Table(*_whole(headings), box=None, pad_edge=False)
+    table = Table(*_whole(headings), box=None, pad_edge=False)
+    for column in table.columns:
+        column.min_width = len(str(column.header))
+    return table
 
 
 def _whole(headings: Sequence[str]) -> list[Column]:
-    return [Column(heading, overflow="fold", min_width=len(heading)) for heading in headings]
+    return [Column(heading, overflow="fold") for heading in headings]
 
 
 def process_table(status: Status) -> Table:

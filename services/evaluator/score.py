@@ -44,7 +44,8 @@ def score(request: ScoreRequest) -> None:
     known = config.world.levels | shipped() | request.levels.own
     kept = request.checkpoint.parent.parent / LEVELS  # by its run
     rules = {levels.rules for levels in config.world.levels.values()}
-    groups = groups_of(request.levels, known, list(config.mix), rules, kept)
+    trained = sorted(config.mix, key=lambda name: (known[name].bounds.trains, name))
+    groups = groups_of(request.levels, known, trained, rules, kept)
     rows = [played(group, policy_for(group, saved, draws), request.levels.file) for group in groups]
     say(
         {

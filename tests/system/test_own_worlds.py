@@ -46,18 +46,18 @@ def alone(clusters, home):
 
 
 def test_three_actors_one_of_them_killed_and_the_learner_too_give_the_same_curve(clusters, home, alone, tail):
-    clusters.railctl("up", "-f", "tidal.yaml", "--name", "three", "--actors", "tidal=3", "--detach", cwd=home)
-    rows = tail("three")
+    clusters.railctl("up", "-f", "tidal.yaml", "--name", "tidal-three", "--actors", "tidal=3", "--detach", cwd=home)
+    rows = tail("tidal-three")
     for episodes, process in ((3, "actor-tidal-0"), (6, "learner")):
         rows.until(episodes)
-        clusters.kill("three", process)
+        clusters.kill("tidal-three", process)
     rows.rest()
-    assert clusters.curve("three") == alone
+    assert clusters.curve("tidal-three") == alone
 
 
 def test_flatland_itself_gives_the_same_curve(clusters, home, alone):
-    clusters.railctl("up", "-f", "tidal.yaml", "--name", "stepped", "--engine", "flatland", cwd=home)
-    assert clusters.curve("stepped") == alone
+    clusters.railctl("up", "-f", "tidal.yaml", "--name", "tidal-stepped", "--engine", "flatland", cwd=home)
+    assert clusters.curve("tidal-stepped") == alone
 
 
 def test_levels_go_out_to_files_and_a_run_trains_on_them_and_keeps_them(clusters, home):
@@ -76,7 +76,20 @@ def test_levels_go_out_to_files_and_a_run_trains_on_them_and_keeps_them(clusters
         "files",
         cwd=home,
     )
-    clusters.railctl("up", "-f", "run.yaml", "--level", "given", "--name", "given", "--episodes", "4", cwd=home)
+    clusters.railctl(
+        "up",
+        "-f",
+        "run.yaml",
+        "--level",
+        "given",
+        "--name",
+        "given",
+        "--episodes",
+        "4",
+        "--set",
+        "evaluation.levels=1",
+        cwd=home,
+    )
     for file in (home / "files").iterdir():
         file.unlink()
     found = json.loads(clusters.railctl("evaluate", "given", "--json").stdout)  # from the run's own copy

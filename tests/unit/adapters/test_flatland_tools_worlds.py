@@ -4,7 +4,7 @@ import click
 import numpy as np
 import pytest
 from flatland.envs.persistence import RailEnvPersister
-from stock_levels import RUSH, rush_level
+from rush_levels import RUSH, rush_level
 from terminal import run_command
 
 from adapters.flatland_tools import CheckpointObservation, CheckpointPolicy, StudyRewards

@@ -9,7 +9,7 @@ import yaml
 from gymnasium.error import ResetNeeded
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 from pettingzoo.utils.conversions import parallel_to_aec
-from stock_levels import RUSH, rush_level
+from rush_levels import RUSH, rush_level
 
 from adapters.pettingzoo_env import TrainsEnv
 from common.levels.distributions import shipped

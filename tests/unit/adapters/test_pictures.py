@@ -8,7 +8,7 @@ from gymnasium.error import ResetNeeded
 from matplotlib import pyplot as plt
 from pettingzoo.test import render_test
 from pettingzoo.utils.conversions import parallel_to_aec
-from stock_levels import RUSH, rush_level
+from rush_levels import RUSH, rush_level
 
 from adapters.pettingzoo_env import TrainsEnv
 from adapters.pictures import Canvas, Sight, trains_of

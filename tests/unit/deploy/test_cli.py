@@ -254,11 +254,14 @@ def test_up_makes_a_run_of_preset_file_options_and_settings(root, started):
 def test_up_makes_a_run_of_a_world_of_ones_own(root, started):
     Path("run.yaml").write_text(
         "levels:\n"
-        "  rush-hour: {rules: stock, size: [40, 30], trains: 20, cities: 4, speeds: {1: 0.5, 0.5: 0.5},\n"
+        "  rush-hour: {rules: stock, size: [40, 30], trains: 20, cities: 4, speeds: {1: 0.5, 0.5: 0.5}, held_out: 2,\n"
         "              malfunctions: {rate: 0.002, min_steps: 20, max_steps: 50}}\n"
         "mix: {easy: 0.5, rush-hour: 0.5}\nobservation: {kind: tree, depth: 1}\ndecisions: always\nreward: delay\n"
     )
-    output("up", "-f", "run.yaml", "--name", "one", "--detach", "--actors", "rush-hour=2,easy=1", "--cores", "1")
+    first = railctl(
+        "up", "-f", "run.yaml", "--name", "one", "--detach", "--actors", "rush-hour=2,easy=1", "--cores", "1"
+    )
+    assert "rush-hour: 2 of 2" in first.stderr  # what is held out is drawn once, with progress
     [(folder, config)] = started
     assert folder.config() == config
     assert config.world.bounds == (40, 30, 20)

@@ -8,9 +8,10 @@ import command_line
 import pytest
 
 from common import checkpoint
-from common.config import NetworkConfig
 from common.levels import files
 from common.levels.supply import LevelSupply
+from common.requests import LevelChoice, ScoreRequest
+from common.rules.settings import NetworkConfig
 from deploy.commands import evaluate as command
 from deploy.launch import new_run
 from deploy.resolve import resolve
@@ -49,27 +50,33 @@ def test_a_run_is_scored_by_its_newest_checkpoint(run):
 def test_a_table_for_people(run, monkeypatch):
     asked = []
     row = {"level": "easy", "levels": 2, "mean": -0.3004, "low": -0.5, "high": None, "std": 0.25, "median": -0.2}
-    row |= {"arrived_share": 0.8333, "all_arrived_share": 0.5, "mean_steps": 120.25, "returns": []}
+    row |= {"arrived_share": 0.8333, "all_arrived_share": 0.5, "mean_steps": 120.25, "score": None, "returns": []}
     document = {"checkpoint": "given", "algorithm": "sil", "episode": 7, "mode": "greedy", "rows": [row]}
     monkeypatch.setattr(command, "run_task", lambda *arguments: asked.append(arguments) or document)
     path = str(run.checkpoints / "best.safetensors")
     result = railctl(path, "--level", "easy", "--level", "easy", "--episodes", 2)
-    assert asked == [
-        (command.SCORER, path, "--level", "easy", "--episodes", "2", "--seed", "0", "--bank", "runs/.levels")
-    ]
+    assert [scorer for scorer, _ in asked] == [command.SCORER]
+    bank = Path("runs/.levels")
+    assert request(asked) == ScoreRequest(checkpoint=path, levels=LevelChoice(names=("easy",), episodes=2, bank=bank))
     first, *_, figures, caption = result.stdout.splitlines()
     assert first == "given: sil after 7 episodes, greedy"
     assert figures.split() == ["easy", "2", "-0.300", "-0.500", "-", "-0.200", "0.250", "83.3%", "50.0%", "120.2"]
     assert caption == "return: normalised, mean over levels; low, high: its 95% interval (bootstrap)"
     result = railctl(path, "--seed", 4)
-    assert asked[-1][2:] == ("--episodes", "100", "--seed", "4", "--bank", "runs/.levels")
+    assert request(asked).levels == LevelChoice(seed=4, bank=bank)
     assert "training may know rails of the levels of seed 4" in result.stdout.splitlines()[-1]
     railctl(path, "--greedy")
+    assert (request(asked).mode, request(asked).draws) == ("greedy", None)
     railctl(path, "--sample", "--draws", 0)
-    assert [arguments[6:-2] for arguments in asked[-2:]] == [
-        ("--mode", "greedy"),
-        ("--mode", "sample", "--draws", "0"),
-    ]
+    assert (request(asked).mode, request(asked).draws) == ("sample", 0)
+    Path("run.yaml").write_text("levels: {mine: {rules: stock, size: [30, 30], trains: 2, cities: 2}}")
+    railctl(path, "--level", "mine", "-f", "run.yaml")
+    assert list(request(asked).levels.own) == ["mine"]
+
+
+def request(asked):
+    """The newest request."""
+    return ScoreRequest.model_validate_json(asked[-1][1])
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import pytest
 
 from common.levels import files
 from common.levels.supply import LevelSupply
+from common.requests import LevelChoice, ReferenceRequest
 from deploy.commands import evaluate as command
 from deploy.launch import new_run
 from deploy.resolve import resolve
@@ -44,9 +45,10 @@ def test_the_name_of_a_policy_wins_and_a_path_is_a_run(here, monkeypatch):
     document = {"policy": "planner", "orders": 50, "rows": []}
     monkeypatch.setattr(command, "run_task", lambda *arguments: asked.append(arguments) or document)
     railctl("planner", "--seed", 4)
-    scorer, name, *rest = asked[0]
-    assert (scorer, name) == ("services.evaluator.references", "planner")
-    assert rest == ["--episodes", "100", "--seed", "4", "--bank", "runs/.levels"]
+    [(scorer, request)] = asked
+    assert scorer == "services.evaluator.references"
+    levels = LevelChoice(seed=4, bank=Path("runs/.levels"))
+    assert ReferenceRequest.model_validate_json(request) == ReferenceRequest(policy="planner", levels=levels)
     assert railctl("runs/planner").stderr.startswith("railctl: run planner has no checkpoint yet")
 
 

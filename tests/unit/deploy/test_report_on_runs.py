@@ -35,19 +35,19 @@ def test_a_run_has_its_report_in_its_folder(runs):
     result = railctl("one", "--json")
     assert result.exit_code == 0, result.stderr
     document = json.loads(result.stdout)
-    assert document == {"report": "runs/one/report/report.html", "figures": 4, "tables": 5, "runs": {"done": 1}}
+    assert document == {"report": "runs/one/report/report.html", "figures": 4, "tables": 6, "runs": {"done": 1}}
     assert Path(document["report"]).read_text().startswith("<!DOCTYPE html>")
     assert "drawing: 4 of 4" in result.stderr
 
 
 def test_where_reports_go_and_what_is_said(runs, monkeypatch):
     asked = []
-    answer = {"report": "there/report.html", "figures": 4, "tables": 5, "runs": {"done": 1, "unfinished": 1}}
+    answer = {"report": "there/report.html", "figures": 4, "tables": 6, "runs": {"done": 1, "unfinished": 1}}
     monkeypatch.setattr(command, "run_task", lambda *arguments: asked.append(arguments) or answer)
     result = railctl("one", "runs/new")
     assert asked.pop() == (command.REPORTER, "--run", "runs/one", "--run", "runs/new", "--output", "report")
     assert result.stdout.splitlines() == [
-        "4 figures and 5 tables on runs: 1 done, 1 unfinished",
+        "4 figures and 6 tables on runs: 1 done, 1 unfinished",
         "report   there/report.html",
     ]
     railctl()

@@ -219,7 +219,10 @@ LONG = "ABCDEFGHIJKLMNOPQRSTUVWXYZABCDEFGHIJKLMN"  # as long as names of levels 
 SCORES = ("mean", "low", "high", "median", "std", "arrived_share", "all_arrived_share")
 TABLES = {  # and how often the name is there
     "evaluations": (evaluation_table([evaluation(50, level=LONG)]), 1),
-    "scores": (score_table([dict.fromkeys(SCORES, -0.5) | {"level": LONG, "levels": 1000, "mean_steps": 99.0}]), 1),
+    "scores": (
+        score_table([dict.fromkeys(SCORES, -0.5) | {"level": LONG, "levels": 1000, "mean_steps": 99.0, "score": None}]),
+        1,
+    ),
     "processes": (process_table(status(processes=[process(f"actor-{LONG}-255", difficulty=LONG)])), 2),
     "summary": (summary([episode(0)], [evaluation(1, -0.5, LONG), evaluation(1, -0.5, "hard")]), 2),
 }

@@ -11,9 +11,10 @@ from common.levels.level import Level
 from common.policy.compiled import Twin
 from common.policy.networks import export_parameters
 from common.policy.player import Acting, network_layout, play
+from common.rail.normalise import N_FEATURES
 from common.records.course import Course
 from tools.bench import policy
-from tools.bench.conditions import N_FEATURES, study_rollouts
+from tools.bench.conditions import study_rollouts
 from tools.bench.measuring import DisagreementError, measure
 from tools.bench.policy import NETWORK, TheirPlayer, comparison, comparisons, pathfinder, script_of
 

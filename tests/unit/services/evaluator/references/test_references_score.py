@@ -8,20 +8,25 @@ import pytest
 from common.levels import files
 from common.levels.supply import LevelSupply
 from common.rail.compiled.world import CompiledWorld
+from common.requests import ORDERS, LevelChoice, ReferenceRequest
 from common.strict import ConfigError
-from services.evaluator.references.__main__ import parsed, score
+from services.evaluator.references.__main__ import score
 from services.evaluator.references.policies import reference_policy
 from services.evaluator.runner import UnplayableLevelError, evaluate
 
 SUPPLY = LevelSupply()
 
 
+def request(policy, draws=0, orders=ORDERS, **levels):
+    return ReferenceRequest(policy=policy, draws=draws, orders=orders, levels=LevelChoice(**levels))
+
+
 @pytest.fixture
 def scored(capsys):
-    """The document that is printed for these arguments."""
+    """The document that is printed for this request."""
 
-    def run(*arguments):
-        score(parsed([str(argument) for argument in arguments]))
+    def run(policy, **asked):
+        score(request(policy, **asked))
         *progress, result = capsys.readouterr().out.splitlines()
         assert [list(json.loads(line)) for line in progress] == [["progress"]] * len(progress)
         return json.loads(result)
@@ -30,7 +35,7 @@ def scored(capsys):
 
 
 def test_every_difficulty_is_a_row_of_the_evaluation_levels(scored):
-    document = scored("shortest-path", "--episodes", 3)
+    document = scored("shortest-path", episodes=3)
     assert list(document) == ["checkpoint", "algorithm", "episode", "mode", "draws", "policy", "orders", "rows"]
     assert list(document.values())[:7] == [None] * 5 + ["shortest-path", None]
     assert [row["level"] for row in document["rows"]] == ["easy", "medium", "hard"]
@@ -40,20 +45,19 @@ def test_every_difficulty_is_a_row_of_the_evaluation_levels(scored):
 
 
 def test_the_planner_tries_as_many_orders_as_are_asked_for_and_no_fewer_find_better_plans(scored):
-    given = ("planner", "--level", "hard", "--episodes", 5)
-    one, many = scored(*given, "--orders", 1), scored(*given)
+    given = {"names": ("hard",), "episodes": 5}
+    one, many = scored("planner", orders=1, **given), scored("planner", **given)
     assert (one["orders"], many["orders"]) == (1, 50)
     pairs = zip(one["rows"][0]["returns"], many["rows"][0]["returns"], strict=True)
     assert all(first <= best for first, best in pairs)
     assert one["rows"] != many["rows"]
-    assert scored(*given)["rows"] == many["rows"]
+    assert scored("planner", **given)["rows"] == many["rows"]
 
 
 def test_draws_follow_their_seed(scored, tmp_path):
     files.save(tmp_path / "levels.npz", {"any": [SUPPLY.evaluation("easy", 0)] * 2})
     first, again, other = (
-        scored("random", "--levels", tmp_path / "levels.npz", "--draws", seed)["rows"][0]["returns"]
-        for seed in (1, 1, 2)
+        scored("random", file=tmp_path / "levels.npz", draws=seed)["rows"][0]["returns"] for seed in (1, 1, 2)
     )
     assert first == again != other
     assert first[0] != first[1]  # the number of the level counts, too
@@ -64,9 +68,9 @@ def test_what_cannot_be_played_is_refused(tmp_path):
     level.grid[0, 0] = 0b1000_0000_0010_0000  # north and south, at the upper edge
     files.save(tmp_path / "levels.npz", {"any": [level]})
     with pytest.raises(UnplayableLevelError, match=r"levels.npz: any, level 0: the level's rails lead off the grid$"):
-        score(parsed(["planner", "--levels", str(tmp_path / "levels.npz")]))
+        score(request("planner", file=tmp_path / "levels.npz"))
     with pytest.raises(ConfigError, match=r"^--episodes 1001: "):
-        score(parsed(["planner", "--episodes", "1001"]))
+        score(request("planner", episodes=1001))
 
 
 def test_there_may_be_many_trains(scored, tmp_path):
@@ -75,6 +79,6 @@ def test_there_may_be_many_trains(scored, tmp_path):
     crowd = type(level)(level.grid, level.starts[again], level.targets[again], level.max_steps)
     files.save(tmp_path / "levels.npz", {"jam": [crowd]})
     for name in ("random", "alone", "deadlock-avoidance", "planner"):
-        [row] = scored(name, "--levels", tmp_path / "levels.npz")["rows"]
+        [row] = scored(name, file=tmp_path / "levels.npz")["rows"]
         assert row["returns"] == [row["mean"]], name
     assert row["all_arrived_share"] == 1
