@@ -5,14 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-from pydantic import ValidationError
-
 from common.config import upgraded
 from common.levels.distributions import shipped
 from common.levels.own import with_files_read
-from common.strict import ConfigError, describe, nearest
-from common.world import WorldSpec, chosen_levels
+from common.mapping_file import read_mapping
+from common.strict import ConfigError, nearest
+from common.world import WorldSpec, chosen_levels, read_world
 
 KEYS = ("observation", "decisions", "reward")  # of a run file, beside its levels
 
@@ -40,7 +38,8 @@ class Setting:
         """
         given = {"observation": None if depth is None else {"kind": "tree", "depth": depth}, "decisions": decisions}
         chosen = {key: value for key, value in given.items() if value is not None}
-        return cls(_world({"levels": chosen_levels(shipped(), {})} | chosen, Path()), {"easy": 1.0})
+        world = read_world({"levels": chosen_levels(shipped(), {})} | chosen, Path())
+        return cls(world, {"easy": 1.0})
 
     @classmethod
     def of_world(cls, world: WorldSpec, base: Path = Path()) -> "Setting":
@@ -56,7 +55,7 @@ class Setting:
         Raises:
             ConfigError: it cannot be read, or something in it is wrong.
         """
-        data = _read(path)
+        data = upgraded(read_mapping(path, "give an existing run file", "mix: {easy: 1}"))
         mix = data.get("mix", {data.get("level", "easy"): 1.0})
         if not isinstance(mix, dict) or not mix:
             raise ConfigError(f"mix: input should be a valid dictionary, not {mix!r}")
@@ -64,7 +63,7 @@ class Setting:
         for key in ("observation", "reward"):
             if isinstance(chosen.get(key), str):
                 chosen[key] = {"kind": chosen[key]}
-        world = _world({"levels": chosen_levels(mix, data.get("levels", {}))} | chosen, path.parent)
+        world = read_world({"levels": chosen_levels(mix, data.get("levels", {}))} | chosen, path.parent)
         return cls(world, mix, path.parent)
 
     def only(self, name: str) -> "Setting":
@@ -97,23 +96,3 @@ def setting_of(run_file: Path | str | None, world: WorldSpec | None, depth: Any,
     if run_file is None or world is None:
         return Setting.of_world(world) if world is not None else Setting.of_run_file(Path(str(run_file)))
     raise ConfigError("run_file and world are both given: leave one out")
-
-
-def _world(data: dict[str, Any], base: Path) -> WorldSpec:
-    try:
-        world = WorldSpec.model_validate(data)
-    except ValidationError as error:
-        raise ConfigError(describe(error, WorldSpec)) from None
-    return world.model_copy(update={"levels": with_files_read(world.levels, base)})
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        data = yaml.safe_load(path.read_text())
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}: give an existing run file") from None
-    except (yaml.YAMLError, ValueError) as error:
-        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
-    if not isinstance(data, dict):
-        raise ConfigError(f"{path} holds no keys: write for example 'mix: {{easy: 1}}'")
-    return upgraded(data)

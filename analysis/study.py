@@ -17,10 +17,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
 
-import yaml
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from common.levels.distributions import LevelName
+from common.mapping_file import read_mapping
 from common.requests import Reference
 from common.strict import ConfigError, Strict, describe
 
@@ -179,14 +179,7 @@ def read_study(path: Path) -> Study:
     Raises:
         ConfigError: one line that names the file, the field, its value and the remedy.
     """
-    try:
-        data = yaml.safe_load(path.read_text())
-    except OSError as error:
-        raise ConfigError(f"{path} cannot be read: {error.strerror}: give a file that describes a study") from None
-    except (yaml.YAMLError, ValueError) as error:
-        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
-    if not isinstance(data, dict):
-        raise ConfigError(f"{path} holds no keys: write for example 'contenders: [dqn, ppo]'")
+    data = read_mapping(path, "give a file that describes a study", "contenders: [dqn, ppo]")
     try:
         return Study.model_validate({"name": path.stem} | data)
     except ValidationError as error:

@@ -5,10 +5,9 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
 from common.bus import NoAnswer
 from common.config import RunConfig, parse_config
+from common.mapping_file import read_mapping
 from common.strict import ConfigError
 
 
@@ -76,14 +75,9 @@ class RunFolder:
         Raises:
             ConfigError: the file is missing or wrong.
         """
+        data = read_mapping(self.config_file, "restore it, or start another run", "algorithm: dddqn")
         try:
-            data = yaml.safe_load(self.config_file.read_text())
-        except OSError as error:
-            raise ConfigError(f"{self.config_file} cannot be read: {error.strerror}") from None
-        except (yaml.YAMLError, ValueError) as error:
-            raise ConfigError(f"{self.config_file} is not YAML: {' '.join(str(error).split())}") from None
-        try:
-            return parse_config(data if isinstance(data, dict) else {})
+            return parse_config(data)
         except ConfigError as error:
             raise ConfigError(f"{self.config_file}: {error}") from None
 

@@ -4,16 +4,18 @@ Level supply, engines and learner all get it from here. A checkpoint carries it.
 """
 
 from collections.abc import Collection
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationError, field_validator
 
 from common.levels.distributions import ANY, AnyLevels, Bounds, LevelName, shipped
+from common.levels.own import with_files_read
 from common.rail.observations.table import AnyObservation
 from common.rail.observations.tree import TreeObservation
 from common.rail.rewards.study import StudyReward
 from common.rail.rewards.table import AnyReward
-from common.strict import ConfigError, Strict, nearest, shortened
+from common.strict import ConfigError, Strict, describe, nearest, shortened
 
 Decisions = Literal["cells", "legacy", "always"]  # see `common.rail.compiled.decisions`
 
@@ -48,6 +50,28 @@ class WorldSpec(Strict):
 def study_world() -> WorldSpec:
     """All that ships, under the study's conditions."""
     return WorldSpec(levels=dict(shipped()))
+
+
+def checked_world(data: dict[str, Any]) -> WorldSpec:
+    """The world that plain data describes.
+
+    Raises:
+        ConfigError: something in it is wrong.
+    """
+    try:
+        return WorldSpec.model_validate(data)
+    except ValidationError as error:
+        raise ConfigError(describe(error, WorldSpec)) from None
+
+
+def read_world(data: dict[str, Any], base: Path) -> WorldSpec:
+    """The world that plain data describes, its level files read; their relative paths start from `base`.
+
+    Raises:
+        ConfigError: something in it is wrong, or a file cannot be read.
+    """
+    world = checked_world(data)
+    return world.model_copy(update={"levels": with_files_read(world.levels, base)})
 
 
 def chosen_levels(names: Collection[Any], own: Any) -> dict[str, Any]:

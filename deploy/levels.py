@@ -9,7 +9,8 @@ from common.levels.distributions import AnyLevels, LevelFiles, shipped
 from common.levels.held_out import is_prepared
 from common.levels.own import ReadLevels, read_level_files
 from common.levels.requests import PrepareRequest, Request
-from deploy.resolve import read_file, world_of
+from common.world import read_world
+from deploy.resolve import read_file
 from deploy.task import run_task
 
 TASKS = "tools.levels.tasks"  # the process that does what needs flatland
@@ -22,7 +23,7 @@ def levels_of_run_file(path: Path) -> dict[str, AnyLevels]:
         ConfigError: it cannot be read, or something in it is wrong.
     """
     own = read_file(path).get("levels") or {}
-    return dict(world_of({"levels": own}, path.parent).levels) if own else {}
+    return dict(read_world({"levels": own}, path.parent).levels) if own else {}
 
 
 def known_levels(path: Path | None) -> dict[str, AnyLevels]:

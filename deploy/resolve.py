@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from common.config import MAX_ACTORS, RunConfig, home_of, parse_config, upgraded
 from common.levels.distributions import LEVEL_PATTERN, shipped
-from common.levels.own import with_files_read
+from common.mapping_file import read_mapping
 from common.rules import settings_of
-from common.strict import ConfigError, describe, flat, nearest, section_of, shortened
-from common.world import WorldSpec, chosen_levels
+from common.strict import ConfigError, flat, nearest, section_of, shortened
+from common.world import WorldSpec, checked_world, chosen_levels, read_world
 
 Plain = dict[str, Any]
 LEVEL_FORM = re.compile(LEVEL_PATTERN)
@@ -60,7 +60,7 @@ def resolve(given: Plain, base: Path = Path()) -> RunConfig:
     mix = given.setdefault("mix", {"easy": 1.0})
     chosen = chosen_levels(mix, given.get("levels", {}))
     check_levels(given.get("levels", {}))
-    world = world_of({"levels": chosen}, base)
+    world = read_world({"levels": chosen}, base)
     learning = merge(preset, by_level[_most_alike(world, list(by_level))])
     defaults = {
         "algorithm": algorithm,
@@ -83,27 +83,10 @@ def _most_alike(world: WorldSpec, names: Sequence[str]) -> str:
     return min(names, key=lambda name: (abs(shipped()[name].trains - trains), shipped()[name].trains))
 
 
-def world_of(data: Plain, base: Path) -> WorldSpec:
-    """A world whose level files have been read.
-
-    Raises:
-        ConfigError: something in it is wrong, or a file cannot be read.
-    """
-    world = _checked_world(data)
-    return world.model_copy(update={"levels": with_files_read(world.levels, base)})
-
-
-def _checked_world(data: Plain) -> WorldSpec:
-    try:
-        return WorldSpec.model_validate(data)
-    except ValidationError as error:
-        raise ConfigError(describe(error, WorldSpec)) from None
-
-
 def check_levels(own: Plain) -> None:
     """Raises ConfigError if a run file's own levels are wrong, also those that its mix leaves out."""
     if own:
-        _checked_world({"levels": own})
+        checked_world({"levels": own})
 
 
 def resolve_existing(saved: RunConfig, given: Plain, name: str, base: Path = Path()) -> RunConfig:
@@ -118,7 +101,7 @@ def resolve_existing(saved: RunConfig, given: Plain, name: str, base: Path = Pat
     kept = saved.plain()
     if "levels" in given:
         own = {level: spec for level, spec in given["levels"].items() if level in saved.mix}
-        given["levels"] = world_of({"levels": own}, base).model_dump(mode="json")["levels"] if own else {}
+        given["levels"] = read_world({"levels": own}, base).model_dump(mode="json")["levels"] if own else {}
     merged = merge(kept, given)
     merged["levels"] = kept["levels"] | given.get("levels", {})
     if "actors" in given.get("cluster", {}):
@@ -204,15 +187,7 @@ def read_file(path: Path) -> Plain:
     Raises:
         ConfigError: it cannot be read, or is not a mapping.
     """
-    try:
-        data = yaml.safe_load(path.read_text())
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}: give an existing YAML file with -f") from None
-    except (yaml.YAMLError, ValueError) as error:  # ValueError: no text, or a date or number that cannot be
-        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
-    if not isinstance(data, dict):
-        raise ConfigError(f"{path} holds no keys: write for example 'algorithm: dddqn'")
-    return data
+    return read_mapping(path, "give an existing YAML file with -f", "algorithm: dddqn")
 
 
 def parse_sets(settings: Sequence[str]) -> Plain:

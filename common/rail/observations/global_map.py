@@ -13,24 +13,13 @@ from common.kernel import bare_kernel
 from common.levels.distributions import Bounds, Rules
 from common.rail.compiled.arrays import Batch
 from common.rail.compiled.tree import Sight
-from common.rail.observations.maps import CHANNELS, draw_map
-from common.strict import Strict
+from common.rail.observations.maps import CHANNELS, MapObservation, draw_map
 
 
-class GlobalObservation(Strict):
+class GlobalObservation(MapObservation):
     """The whole grid; its size is that of the run's largest level."""
 
     kind: Literal["global"] = "global"
-
-    @property
-    def low(self) -> float:
-        """The least that a value can be."""
-        return 0.0
-
-    @property
-    def high(self) -> float:
-        """The most that a value can be."""
-        return 1.0
 
     def n_features(self, bounds: Bounds | None) -> int:
         """F = H * W * 23."""

@@ -15,25 +15,14 @@ from common.kernel import bare_kernel
 from common.levels.distributions import Bounds, Rules
 from common.rail.compiled.arrays import Batch
 from common.rail.compiled.tree import Sight
-from common.rail.observations.maps import CHANNELS, draw_map, viewpoint
-from common.strict import Strict
+from common.rail.observations.maps import CHANNELS, MapObservation, draw_map, viewpoint
 
 
-class LocalObservation(Strict):
+class LocalObservation(MapObservation):
     """All cells that are at most `radius` rows and columns away."""
 
     kind: Literal["local"] = "local"
     radius: int = Field(default=5, ge=1, le=50)
-
-    @property
-    def low(self) -> float:
-        """The least that a value can be."""
-        return 0.0
-
-    @property
-    def high(self) -> float:
-        """The most that a value can be."""
-        return 1.0
 
     def n_features(self, bounds: Bounds | None = None) -> int:  # noqa: ARG002  (other observations depend on it)
         """F = (2 * radius + 1) ^ 2 * 23."""

@@ -24,11 +24,26 @@ from numpy.typing import NDArray
 
 from common.kernel import bare_kernel
 from common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, WAYS, Batch
+from common.strict import Strict
 
 CHANNELS: Final = 23
 OWN_HEADING, OTHER_HEADING, MALFUNCTION, SPEED, READY, OWN_TARGET, TARGETS = range(16, CHANNELS)
 LONG_MALFUNCTION_STEPS: Final = 50
 MANY_TRAINS: Final = 5
+
+
+class MapObservation(Strict):
+    """What all observations on maps share."""
+
+    @property
+    def low(self) -> float:
+        """The least that a value can be."""
+        return 0.0
+
+    @property
+    def high(self) -> float:
+        """The most that a value can be."""
+        return 1.0
 
 
 @bare_kernel

@@ -165,7 +165,9 @@ def test_what_a_run_file_cannot_say_is_one_line(tmp_path):
         with pytest.raises(ConfigError, match=message) as caught:
             TrainsEnv(run_file=path)
         assert "\n" not in str(caught.value)
-    with pytest.raises(ConfigError, match=r"no\.yaml: No such file or directory: give an existing run file"):
+    with pytest.raises(
+        ConfigError, match=r"no\.yaml cannot be read: No such file or directory: give an existing run file"
+    ):
         TrainsEnv(run_file=tmp_path / "no.yaml")
 
 

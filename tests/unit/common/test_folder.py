@@ -51,7 +51,7 @@ def test_a_wrong_configuration_is_named_with_its_file(folder):
     folder.config_file.write_text(yaml.safe_dump(CONFIG | {"episodes": 0}))
     assert complaint(folder) == (f"{folder.config_file}: episodes: input should be greater than or equal to 1, not 0")
     folder.config_file.write_text("- a list")
-    assert complaint(folder) == f"{folder.config_file}: rule is missing: give it a value"
+    assert complaint(folder) == f"{folder.config_file} holds no keys: write for example 'algorithm: dddqn'"
 
 
 def test_a_configuration_that_is_no_yaml_is_named_in_one_line(folder):

@@ -139,7 +139,7 @@ def test_wrong_usage_has_its_own_exit_code_and_no_traceback(root, arguments):
         (["--engine", "stone"], "engine: input should be 'compiled' or 'flatland', not 'stone'"),
         (["--level", "easy", "--set", "mix={easy: 1}"], "level and mix are both given: leave one out"),
         (["--name", "a/b"], "--name 'a/b': use letters, digits, '.', '_', '+' and '-', at most 100"),
-        (["--file", "none.yaml"], "none.yaml: No such file or directory: give an existing YAML file with -f"),
+        (["--file", "none.yaml"], "none.yaml cannot be read: No such file or directory: give an existing YAML"),
     ],
 )
 def test_what_is_wrong_with_a_new_run_is_one_line_and_nothing_is_made(root, tmp_path, arguments, text):
