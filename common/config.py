@@ -86,8 +86,8 @@ class RunConfig(Strict):
         for name, levels in self.world.levels.items():
             if self.evaluation.levels > levels.evaluation_levels:
                 raise ValueError(
-                    f"evaluation.levels {self.evaluation.levels}: only {levels.evaluation_levels} levels of {name} are "
-                    "kept from training, use no more"
+                    f"evaluation.levels {self.evaluation.levels}: {name} keeps only "
+                    f"{levels.evaluation_levels} from training, use no more"
                 )
         return self
 

@@ -84,7 +84,7 @@ def _unsupervised(name: str, pid: int) -> ProcessStatus:
         {
             "process": name,
             "role": role,
-            "difficulty": rest.rpartition("-")[0] or None,  # names of levels may have a - in them
+            "serves": rest.rpartition("-")[0] or None,  # names of levels may have a - in them
             "pid": pid,
             "state": "unsupervised",
             "restarts": 0,

@@ -93,7 +93,7 @@ def _processes(mind: Supervisor, pids: Mapping[str, int], beats: Beats) -> list[
             ProcessStatus(
                 process=name,
                 role=ward.spec.role,
-                difficulty=ward.spec.serves,
+                serves=ward.spec.serves,
                 pid=pids.get(name),
                 state="waiting to restart" if state == "waiting" and ward.restarts else state,
                 restarts=ward.restarts,

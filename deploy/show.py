@@ -93,7 +93,7 @@ def process_table(status: Status) -> Table:
         beat = process.last_heartbeat_unix_s
         table.add_row(
             process.process,
-            process.difficulty or "",
+            process.serves or "",
             str(process.pid or "-"),
             process.state,
             str(process.restarts),

@@ -37,7 +37,7 @@ class ProcessStatus(Record):
 
     process: Name
     role: Role
-    difficulty: LevelName | None  # what an actor serves
+    serves: LevelName | None  # what an actor serves
     pid: Count | None
     state: Annotated[str, Field(max_length=64)]
     restarts: Count

@@ -21,8 +21,16 @@ BENCHES = {
     "levels": "tools.bench.levels",
     "learner": "tools.bench.learner",
     "replay": "tools.bench.replay",
+    "cluster": "tools.bench.cluster",
 }
 WITH_WORLDS = ("world", "policy", "levels")  # that play so many worlds, or make so many levels
+TAKES = {
+    "repeats": (*WITH_WORLDS, "learner", "replay"),
+    "worlds": WITH_WORLDS,
+    "episodes": ("cluster",),
+    "level": ("cluster",),
+    "algorithm": ("cluster",),
+}
 INTERRUPTED = 130  # as shells say it
 LOOK_S = 0.1
 
@@ -34,18 +42,28 @@ def bench(
     worlds: Annotated[
         int | None, typer.Option(help=f"In a repeat, of {', '.join(WITH_WORLDS)}; default: each one's own.")
     ] = None,
+    episodes: Annotated[int | None, typer.Option(help="Of each run of cluster; default: 300.")] = None,
+    level: Annotated[str | None, typer.Option(help="Of the runs of cluster; default: easy.")] = None,
+    algorithm: Annotated[list[str] | None, typer.Option(help="Of cluster; may be repeated; default: all.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Measure ours beside others: same work, one process, one core; a ratio above 1 says that ours is better."""
+    """Measure ours beside others: same work, one process, one core; a ratio above 1 says that ours is better.
+
+    cluster runs whole clusters beside the same work in one process without messages.
+    """
     if what not in BENCHES:
         raise ConfigError(f"unknown benchmark {what!r}{nearest(what, list(BENCHES))}")
-    if worlds is not None and what not in WITH_WORLDS:
-        raise ConfigError(f"--worlds {worlds}: bench {what} plays none, leave it out")
+    options = {"repeats": repeats, "worlds": worlds, "episodes": episodes, "level": level, "algorithm": algorithm}
     command = run_module(BENCHES[what])
-    for option, value in (("--repeats", repeats), ("--worlds", worlds)):
-        if value is not None and value < 1:
-            raise ConfigError(f"{option} {value}: use a number above 0")
-        command += [] if value is None else [option, str(value)]
+    for option, given in options.items():
+        if given is None:
+            continue
+        if what not in TAKES[option]:
+            raise ConfigError(f"--{option}: bench {what} has no use for it, leave it out")
+        if isinstance(given, int) and given < 1:
+            raise ConfigError(f"--{option} {given}: use a number above 0")
+        for value in given if isinstance(given, list) else [given]:
+            command += [f"--{option}", str(value)]
     code = _run([*command, "--json"] if as_json else command)
     if code < 0:
         raise Failed(f"bench {what} was killed by signal {-code}: run it again")

@@ -129,8 +129,7 @@ def _given(study: Study, contender: Contender, level: str, cores: int) -> dict[s
 def _check_evaluation(study: Study, level: str, kept: int) -> None:
     if study.evaluation.episodes > kept:
         raise ConfigError(
-            f"evaluation.episodes {study.evaluation.episodes}: only {kept} levels of {level} are kept from training, "
-            "use no more"
+            f"evaluation.episodes {study.evaluation.episodes}: {level} keeps only {kept} from training, use no more"
         )
 
 

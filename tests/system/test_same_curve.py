@@ -7,6 +7,7 @@ import pytest
 
 from common.locks import living
 from deploy.runs import supervised
+from tools.bench.alone import Alone
 
 EPISODES = 40
 WITH_LAG = ("--lag", "2", "--set", "fragment_steps=null")
@@ -18,6 +19,13 @@ def test_three_actors_give_the_curve_of_one(clusters, undisturbed):
     assert clusters.curve("three") == undisturbed
     rows = [json.loads(line) for line in clusters.folder("three").episodes_file.read_text().splitlines()]
     assert len({row["actor"] for row in rows}) > 1
+
+
+def test_one_process_without_a_message_gives_the_same_curve(clusters, undisturbed):
+    alone = Alone(clusters.folder("undisturbed").config()).run()
+    found = [(episode.digest, episode.steps, episode.decisions) for episode in alone]
+    rows = [row for row in undisturbed if "digest" in row]
+    assert found == [(row["digest"], row["steps"], row["decisions"]) for row in rows]
 
 
 @pytest.mark.slow

@@ -137,7 +137,7 @@ def show(rows: Sequence[Row], *, as_json: bool) -> None:
     Console(highlight=False).print(table)
 
 
-class _Parser(argparse.ArgumentParser):
+class Parser(argparse.ArgumentParser):
     """Says what is wrong in one line."""
 
     def error(self, message: str) -> NoReturn:
@@ -145,14 +145,15 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _parse(description: str, sizes: dict[str, int]) -> dict[str, Any]:
-    parser = _Parser(description=description, allow_abbrev=False)
+    parser = Parser(description=description, allow_abbrev=False)
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     for option, default in {"repeats": REPEATS, **sizes}.items():
-        parser.add_argument(f"--{option}", type=_count, default=default, help="default: %(default)s")
+        parser.add_argument(f"--{option}", type=count, default=default, help="default: %(default)s")
     return vars(parser.parse_args())
 
 
-def _count(text: str) -> int:
+def count(text: str) -> int:
+    """The value of an option that counts something."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0")
     return int(text)

@@ -286,7 +286,7 @@ def test_no_more_evaluation_levels_than_are_kept_from_training():
     changes = {"levels": {"rush": RUSH}, "mix": {"rush": 1}, "cluster": {"actors": {"rush": 2}}}
     assert parse_config(plain(changes | {"evaluation.levels": 60})).evaluation.levels == 60
     assert complaint(plain(changes | {"evaluation.levels": 61})) == (
-        "evaluation.levels 61: only 60 levels of rush are kept from training, use no more"
+        "evaluation.levels 61: rush keeps only 60 from training, use no more"
     )
 
 

@@ -38,7 +38,9 @@ def test_a_bench_prints_one_document(capfd):
         (["wrold"], "unknown benchmark 'wrold': did you mean world? known are "),
         (["world", "--repeats", "0"], "--repeats 0: use a number above 0"),
         (["levels", "--worlds", "-1"], "--worlds -1: use a number above 0"),
-        (["replay", "--worlds", "3"], "--worlds 3: bench replay plays none, leave it out"),
+        (["cluster", "--repeats", "3"], "--repeats: bench cluster has no use for it, leave it out"),
+        (["cluster", "--episodes", "0"], "--episodes 0: use a number above 0"),
+        (["replay", "--worlds", "3"], "--worlds: bench replay has no use for it, leave it out"),
     ],
 )
 def test_wrong_usage_is_one_line(arguments, text):

@@ -458,7 +458,7 @@ def cluster(root):
             ProcessStatus(
                 process="learner",
                 role="learner",
-                difficulty=None,
+                serves=None,
                 pid=77,
                 state="training",
                 restarts=2,

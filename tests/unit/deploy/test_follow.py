@@ -231,7 +231,7 @@ def test_the_status_of_a_run_that_lost_its_supervisor(folder):
     with sole(folder, "router"), sole(folder, "actor-easy-0"), sole(folder, "actor-any-1"):
         status = status_from_files(folder)
     assert status.state == "unsupervised"
-    assert [(process.process, process.role, process.difficulty) for process in status.processes] == [
+    assert [(process.process, process.role, process.serves) for process in status.processes] == [
         ("actor-any-1", "actor", "any"),
         ("actor-easy-0", "actor", "easy"),
         ("router", "router", None),
@@ -242,7 +242,7 @@ def test_the_status_of_a_run_that_lost_its_supervisor(folder):
 def test_names_of_levels_may_have_hyphens(folder, level):
     with sole(folder, f"actor-{level}-12"):
         [process] = status_from_files(folder).processes
-    assert (process.process, process.role, process.difficulty) == (f"actor-{level}-12", "actor", level)
+    assert (process.process, process.role, process.serves) == (f"actor-{level}-12", "actor", level)
 
 
 def test_waiting_ends_when_it_comes_true_or_when_patience_ends():

@@ -70,7 +70,7 @@ def test_the_whole_picture():
     assert (progress.refused, progress.duplicates, progress.reissued) == (0, 3, 4)
     assert progress.waiting == {}
     assert found.problems == []
-    assert [(p.process, p.role, p.difficulty, p.pid, p.state) for p in found.processes] == [
+    assert [(p.process, p.role, p.serves, p.pid, p.state) for p in found.processes] == [
         ("router", "router", None, 10, "running"),
         ("learner", "learner", None, 11, "training"),
         ("evaluator", "evaluator", None, 12, "evaluating"),

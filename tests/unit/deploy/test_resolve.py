@@ -450,7 +450,7 @@ def test_no_more_levels_are_evaluated_than_are_kept_from_training():
     assert resolve({"level": "rush"} | few).evaluation.levels == 10
     assert resolve({"mix": {"rush": 0.5, "easy": 0.5}} | few).evaluation.levels == 10
     assert complaint(resolve, {"level": "rush", "evaluation": {"levels": 11}} | few) == (
-        "evaluation.levels 11: only 10 levels of rush are kept from training, use no more"
+        "evaluation.levels 11: rush keeps only 10 from training, use no more"
     )
 
 

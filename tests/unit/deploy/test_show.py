@@ -67,7 +67,7 @@ def process(name="learner", **changes):
     fields = {
         "process": name,
         "role": name.partition("-")[0],
-        "difficulty": None,
+        "serves": None,
         "pid": 4321,
         "state": "training",
         "restarts": 0,
@@ -102,7 +102,7 @@ def status(**changes):
         "progress": progress,
         "time_left_s": 24.0,
         "problems": [],
-        "processes": [process(), process("actor-easy-0", difficulty="easy", pid=None, state="waiting to restart")],
+        "processes": [process(), process("actor-easy-0", serves="easy", pid=None, state="waiting to restart")],
     }
     return Status(**fields | changes)
 
@@ -177,7 +177,7 @@ def test_the_table_of_processes(monkeypatch):
     monkeypatch.setattr(time, "time", lambda: 1010.4)
     shown = [
         process("router", state="running", last_heartbeat_unix_s=1008.0),
-        process("actor-hard-3", difficulty="hard", pid=None, restarts=7, last_heartbeat_unix_s=2000.0),
+        process("actor-hard-3", serves="hard", pid=None, restarts=7, last_heartbeat_unix_s=2000.0),
         process("evaluator"),
     ]
     lines = [line.split() for line in rendered(process_table(status(processes=shown))).splitlines()]
@@ -223,7 +223,7 @@ TABLES = {  # and how often the name is there
         score_table([dict.fromkeys(SCORES, -0.5) | {"level": LONG, "levels": 1000, "mean_steps": 99.0, "score": None}]),
         1,
     ),
-    "processes": (process_table(status(processes=[process(f"actor-{LONG}-255", difficulty=LONG)])), 2),
+    "processes": (process_table(status(processes=[process(f"actor-{LONG}-255", serves=LONG)])), 2),
     "summary": (summary([episode(0)], [evaluation(1, -0.5, LONG), evaluation(1, -0.5, "hard")]), 2),
 }
 

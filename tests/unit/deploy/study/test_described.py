@@ -116,7 +116,7 @@ def test_a_study_may_have_levels_of_its_own():
         ({"levels": ["easy", "eazy"]}, "contender dddqn on eazy: unknown level 'eazy': did you mean easy?"),
         (
             {"levels": ["rush"], "settings": {"levels": {"rush": RUSH}}},
-            "evaluation.episodes 1000: only 100 levels of rush are kept from training, use no more",
+            "evaluation.episodes 1000: rush keeps only 100 from training, use no more",
         ),
         (
             {"settings": {"levels": {"rush": RUSH | {"trains": 0}}}},

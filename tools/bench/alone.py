@@ -1,0 +1,84 @@
+"""A run in one process, without a message: what a curve costs where nobody has to talk.
+
+Desk, trainer and players are those of the cluster, so the episodes are the same to the bit. There is no bus, no codec
+and no disk, and one core does everything in turn.
+"""
+
+import time
+from typing import NamedTuple
+
+import numpy as np
+
+from common.config import RunConfig
+from common.levels.supply import LevelSupply
+from common.policy.player import Acting, Players, chooser_of
+from common.records.acting import Circumstances, Fragment, Lease, LeaseRequest
+from common.seeding import stream_key, training_malfunction_seed
+from services.learner.desk import Desk
+from services.learner.learning import build_trainer, learning_of
+from services.learner.schedule import Schedule
+
+NAME = "alone"
+
+
+class Trained(NamedTuple):
+    """An episode as it was trained."""
+
+    digest: str
+    steps: int
+    decisions: int
+    at_s: float  # since the process was ready
+
+
+class Alone:
+    """Actor and learner of a run in one."""
+
+    def __init__(self, config: RunConfig) -> None:
+        self._config = config
+        self._levels = LevelSupply(config.world.levels)
+        self._chooser = chooser_of(config)
+        self._players = Players(config, self._chooser)
+        self._trainer = build_trainer(config.rule, learning_of(config))
+        self._desk: Desk[None] = Desk(Schedule.of(config), config.world.n_features)
+        self._desk.actor_came(NAME, NAME)
+        self._weights = {0: self._trainer.weights()}
+        self._stands_at: tuple[int, int] | None = None
+        self._states = np.zeros((0, 0), np.float32)
+
+    def run(self) -> list[Trained]:
+        """All episodes, in the order in which they were trained."""
+        begun, rows = time.perf_counter(), []
+        request = LeaseRequest(actor=NAME, incarnation=NAME, serves="any", kept=np.zeros((0, 2), np.int64))
+        while not self._desk.ledger.finished:
+            self._desk.ask(None, request, 0.0)
+            for _, answer in self._desk.give(0.0):
+                if answer is not None and answer.lease is not None:
+                    self._desk.arrive(self._act(answer.lease))
+            while (fragment := self._desk.next_ready()) is not None:
+                self._trainer.train(fragment)
+                episode = self._desk.mark_trained()
+                version = self._desk.ledger.version
+                self._weights[version] = self._trainer.weights()
+                self._weights.pop(version - self._config.lag - 2, None)
+                if episode is not None:
+                    seconds = time.perf_counter() - begun
+                    rows.append(Trained(episode.digest, episode.steps, episode.decisions, seconds))
+        return rows
+
+    def _act(self, lease: Lease) -> Fragment:
+        self._chooser.load(self._weights[lease.weights_version])
+        player, before = self._players.of(lease.level), lease.progressed
+        if before is None or self._stands_at != (lease.episode, before.first_step):
+            level = self._levels.training(lease.level, lease.level_seed)
+            malfunctions = training_malfunction_seed(self._config.seed, lease.episode)
+            if before is None:
+                player.begin(level, malfunctions)
+            else:
+                player.begin(level, malfunctions, before.actions, before.first_step)
+            states = self._chooser.zero_state(level.n_trains)
+        states = states if before is None else before.states.copy()
+        key = stream_key(self._config.seed, lease.episode, "explore")
+        course = player.advance(Acting(self._chooser, lease.epsilon, key), states, lease.steps)
+        self._stands_at = (lease.episode, course.last_step)
+        circumstances = Circumstances(actor=NAME, acting_s=0.0, waited_s=0.0)
+        return Fragment(lease=lease, course=course, circumstances=circumstances)

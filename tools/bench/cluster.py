@@ -1,0 +1,193 @@
+"""What whole clusters do: `railctl bench cluster`.
+
+Every row is a run as a user starts it, `railctl up`, from nothing to its end with its evaluations, at lag 0 with one
+actor, and at a lag with two. Beside it stands the same run in one process without a message (`tools.bench.alone`),
+which must come to the same episodes. Levels are generated as they come, there is no bank.
+
+It prints one document `{"rows": [...]}` with the fields of `Row`. Rates and shares leave out the first tenth of the
+episodes. The learner's time is learning, publishing, or waiting for actors and messages.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from common.folder import RunFolder
+from common.policy.determinism import deterministic_torch
+from common.records.rows import EpisodeRow, MetricRow
+from common.rows import read_rows
+from common.task import FAILED
+from tools.bench.alone import Alone
+from tools.bench.measuring import DisagreementError, Parser, count
+from tools.bench.processes import Watch
+
+ALGORITHMS = ("dqn", "ddqn", "dddqn", "drqn", "ppo", "ppor", "sil")
+NAME = "bench"
+LAGS = (0, 3)
+WARM_UP = 10  # one in so many episodes
+
+
+@dataclass(frozen=True)
+class Row:
+    """A run.
+
+    Attributes:
+        name: algorithm, level and lag.
+        start_s: from the command to the first trained episode.
+        end_s: from the last trained episode to the end of the command.
+        wall_s: of the command.
+        episodes_per_s, steps_per_s, decisions_per_s: trained.
+        alone_steps_per_s: those of one process without messages, which trains the same.
+        learning, publishing, waiting: shares of the learner's time.
+        acting: share of the time that actors act, of one process's time.
+        fragment_ms: a fragment's time beyond learning and acting: messages, and waiting for the processor.
+        cpu_ms: processor time of all processes, an episode.
+        memory_mib: of all processes, the peak of the sum; what they share counts once.
+    """
+
+    name: str
+    start_s: float
+    end_s: float
+    wall_s: float
+    episodes_per_s: float
+    steps_per_s: float
+    decisions_per_s: float
+    alone_steps_per_s: float
+    learning: float
+    publishing: float
+    waiting: float
+    acting: float
+    fragment_ms: float
+    cpu_ms: float
+    memory_mib: float
+
+
+def _railctl(folder: str, *arguments: str) -> None:
+    """Run a command to its end; whatever ends this process ends the run, too."""
+    railctl = str(Path(sys.executable).with_name("railctl"))
+    environment = os.environ | {"RAILCTL_RUNS": folder}
+    try:
+        done = subprocess.run((railctl, *arguments), env=environment, capture_output=True, text=True, check=False)
+    except BaseException:
+        subprocess.run((railctl, "down", NAME, "--force"), env=environment, capture_output=True, check=False)
+        raise
+    if done.returncode:
+        raise DisagreementError(f"the run failed: {done.stderr.strip() or done.stdout.strip()}")
+
+
+def options(algorithm: str, level: str, lag: int, episodes: int) -> list[str]:
+    """What `railctl up` is told."""
+    actors = min(lag, 1) + 1
+    return [
+        *("--algorithm", algorithm, "--level", level, "--lag", str(lag), "--actors", f"{level}={actors}"),
+        *("--episodes", str(episodes), "--seed", "1", "--name", NAME),
+    ]
+
+
+def run_cluster(algorithm: str, level: str, lag: int, episodes: int) -> Row:
+    """Run a cluster and the same run alone.
+
+    Raises:
+        DisagreementError: they trained different episodes, or the cluster failed.
+    """
+    with tempfile.TemporaryDirectory(prefix="railctl-bench-") as folder:
+        began = time.time()
+        with Watch(folder) as watch:
+            _railctl(folder, "up", *options(algorithm, level, lag, episodes))
+        wall_s = time.time() - began
+        run = RunFolder(Path(folder) / NAME)
+        rows, metrics = read_rows(run.episodes_file, EpisodeRow), read_rows(run.metrics_file, MetricRow)
+        alone = Alone(run.config()).run()
+    if [row.digest for row in rows] != [trained.digest for trained in alone]:
+        raise DisagreementError(f"{algorithm} at lag {lag} trained other episodes in one process")
+    warm = episodes // WARM_UP
+    took = rows[-1].trained_unix_s - rows[warm].trained_unix_s
+    took_alone = alone[-1].at_s - alone[warm].at_s
+    counted = rows[warm + 1 :]
+    spent = {
+        name: sum(row.metrics[name] for row in metrics[warm + 1 :])
+        for name in ("learning_s", "publishing_s", "learner_waited_s", "acting_s", "fragments")
+    }
+    steps = sum(row.steps for row in counted)
+    figures = {
+        "start_s": rows[0].trained_unix_s - began,
+        "end_s": began + wall_s - rows[-1].trained_unix_s,
+        "wall_s": wall_s,
+        "episodes_per_s": len(counted) / took,
+        "steps_per_s": steps / took,
+        "decisions_per_s": sum(row.decisions for row in counted) / took,
+        "alone_steps_per_s": steps / took_alone,
+        "learning": spent["learning_s"] / took,
+        "publishing": spent["publishing_s"] / took,
+        "waiting": spent["learner_waited_s"] / took,
+        "acting": spent["acting_s"] / took,
+        "fragment_ms": 1e3 * (took - spent["learning_s"] - spent["acting_s"]) / spent["fragments"],
+        "cpu_ms": 1e3 * watch.cpu_s / episodes,
+        "memory_mib": watch.peak_bytes / 2**20,
+    }
+    return Row(f"{algorithm} {level} lag {lag}", **{name: float(f"{value:.4g}") for name, value in figures.items()})
+
+
+def show(rows: Sequence[Row]) -> None:
+    """Print the rows for a person."""
+    table = Table(box=None, pad_edge=False)
+    table.add_column("")
+    columns: list[tuple[str, Any]] = [
+        ("start s", lambda row: f"{row.start_s:.1f}"),
+        ("end s", lambda row: f"{row.end_s:.1f}"),
+        ("wall s", lambda row: f"{row.wall_s:.1f}"),
+        ("episodes/s", lambda row: f"{row.episodes_per_s:.1f}"),
+        ("steps/s", lambda row: f"{row.steps_per_s:.0f}"),
+        ("alone", lambda row: f"{row.alone_steps_per_s:.0f}"),
+        ("decisions/s", lambda row: f"{row.decisions_per_s:.0f}"),
+        ("learning", lambda row: f"{row.learning:.0%}"),
+        ("acting", lambda row: f"{row.acting:.0%}"),
+        ("waiting", lambda row: f"{row.waiting:.0%}"),
+        ("ms/fragment", lambda row: f"{row.fragment_ms:.2f}"),
+        ("CPU ms/episode", lambda row: f"{row.cpu_ms:.0f}"),
+        ("MiB", lambda row: f"{row.memory_mib:.0f}"),
+    ]
+    for title, _ in columns:
+        table.add_column(title, justify="right", no_wrap=True)
+    for row in rows:
+        table.add_row(row.name, *(text(row) for _, text in columns))
+    Console(highlight=False, width=max(Console().width, 150)).print(table)
+
+
+def main() -> None:
+    parser = Parser(description="Measure whole clusters.", allow_abbrev=False)
+    parser.add_argument("--json", action="store_true", help="print one JSON document")
+    parser.add_argument("--episodes", type=count, default=300, help="of a run; default: %(default)s")
+    parser.add_argument("--level", default="easy", help="default: %(default)s")
+    parser.add_argument("--algorithm", action="append", choices=ALGORITHMS, help="default: all")
+    chosen = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(FAILED))
+    deterministic_torch()
+    names = chosen.algorithm or ALGORITHMS
+    try:
+        rows = []
+        for number, (name, lag) in enumerate((name, lag) for name in names for lag in LAGS):
+            print(f"{number} of {len(names) * len(LAGS)} runs: {name}, lag {lag}", file=sys.stderr, flush=True)  # noqa: T201
+            rows.append(run_cluster(name, chosen.level, lag, chosen.episodes))
+    except DisagreementError as error:
+        print(f"railctl: {error}", file=sys.stderr)  # noqa: T201
+        sys.exit(FAILED)
+    if chosen.json:
+        print(json.dumps({"rows": [asdict(row) for row in rows]}, indent=2))  # noqa: T201
+    else:
+        show(rows)
+
+
+if __name__ == "__main__":
+    main()
