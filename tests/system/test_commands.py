@@ -66,7 +66,7 @@ def test_a_second_up_attaches_and_another_configuration_is_refused(clusters, tai
     assert living(clusters.folder("twice"))["supervisor"] == before["supervisor"]
     refused = clusters.railctl("up", "--name", "twice", "--episodes", "99", code=2)
     assert "episodes 40, not 99" in refused.stderr
-    assert "difficulty hard" in clusters.railctl("scale", "twice", "hard=1", code=1).stderr
+    assert "no level hard" in clusters.railctl("scale", "twice", "hard=1", code=1).stderr
     clusters.railctl("down", "twice", "--force")
     assert living(clusters.folder("twice")) == {}
 
