@@ -1,4 +1,4 @@
-# Everything runs in .venv, built from pinned constraints. No target needs anything but Python 3.11 and make.
+# Everything runs in .venv, built from pinned constraints. No target but browser needs more than Python 3.11 and make.
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
@@ -21,7 +21,7 @@ $(VENV)/installed: pyproject.toml constraints.txt
 
 # Learns more often than the study does, so that the curve rises within 300 episodes.
 demo: install
-	$(BIN)/railctl up --algorithm dddqn --level easy --actors easy=2 --episodes 300 --seed 1 \
+	$(BIN)/railctl up --algorithm dddqn --level easy --actors easy=2 --episodes 300 --seed 1 --name demo \
 		--set evaluation.every_episodes=50 --set dqn.learn_every_steps=8 --set fragment_steps=8
 
 check: install

@@ -57,9 +57,13 @@ def resolve(given: Plain, base: Path = Path()) -> RunConfig:
     rule = str(given.get("rule", preset["rule"]))
     given = spelled_out(given, rule)
     check_sections(given, rule)
-    mix = given.setdefault("mix", {"easy": 1.0})
-    chosen = chosen_levels(mix, given.get("levels", {}))
-    check_levels(given.get("levels", {}))
+    own, mix = given.get("levels", {}), given.get("mix", {"easy": 1.0})
+    chosen = chosen_levels(mix, own)
+    check_levels(own)
+    if own and "mix" not in given:
+        name = min(own)
+        raise ConfigError(f"levels: nothing says that {name} is played: add mix: {{{name}: 1}}, or --level {name}")
+    given["mix"] = mix
     world = read_world({"levels": chosen}, base)
     learning = merge(preset, by_level[_most_alike(world, list(by_level))])
     defaults = {

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from analysis.study import Contender, PlannedRun, Study, StudyFolder, planned_runs, read_study
 from common.config import RunConfig
 from common.folder import write_atomically
+from common.levels.distributions import AnyLevels, StockLevels
 from common.strict import ConfigError, flat, nearest
 from deploy.resolve import merge, preset_of, resolve, spelled_out
 from deploy.runs import Failed, runs_root
@@ -108,6 +109,7 @@ def configurations(study: Study, cores: int) -> dict[PlannedRun, RunConfig]:
             except ConfigError as error:
                 raise ConfigError(f"contender {contender.name} on {level}: {error}") from None
             _check_evaluation(study, level, config.world.levels[level].evaluation_levels)
+            _check_references(study, level, config.world.levels[level])
     return {run: of_cell[run.contender, run.level].model_copy(update={"seed": run.seed}) for run in planned_runs(study)}
 
 
@@ -130,6 +132,15 @@ def _check_evaluation(study: Study, level: str, kept: int) -> None:
     if study.evaluation.episodes > kept:
         raise ConfigError(
             f"evaluation.episodes {study.evaluation.episodes}: {level} keeps only {kept} from training, use no more"
+        )
+
+
+def _check_references(study: Study, level: str, levels: AnyLevels) -> None:
+    if "planner" not in study.references or not isinstance(levels, StockLevels):
+        return
+    if levels.malfunctions is not None or set(levels.speeds or {1: 1}) != {1}:
+        raise ConfigError(
+            f"references: planner plans for trains of speed 1 that never break down, unlike {level}'s: leave it out"
         )
 
 

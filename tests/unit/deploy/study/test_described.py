@@ -119,6 +119,15 @@ def test_a_study_may_have_levels_of_its_own():
             "evaluation.episodes 1000: rush keeps only 100 from training, use no more",
         ),
         (
+            {
+                "levels": ["rush"],
+                "settings": {"levels": {"rush": RUSH | {"speeds": {0.5: 1}}}},
+                "evaluation": {"episodes": 100},
+                "references": ["planner"],
+            },
+            "references: planner plans for trains of speed 1 that never break down, unlike rush's: leave it out",
+        ),
+        (
             {"settings": {"levels": {"rush": RUSH | {"trains": 0}}}},
             "contender dddqn on easy: levels.rush.trains: input should be greater than or equal to 1, not 0",
         ),
