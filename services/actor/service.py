@@ -5,11 +5,11 @@ import threading
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.bus import NoAnswer
 from common.levels.supply import supply_of
-from common.policy.player import Acting, Players, chooser_of
+from common.policy.leased import LeasePlayer
+from common.policy.player import chooser_of
 from common.process import Fatal, ServiceContext
 from common.records.acting import (
     Circumstances,
@@ -21,7 +21,6 @@ from common.records.acting import (
     WeightsRequest,
 )
 from common.records.heartbeats import ActorReport
-from common.seeding import stream_key, training_malfunction_seed
 from common.wire import keys
 
 log = logging.getLogger(__name__)
@@ -66,10 +65,9 @@ class Actor:
         self._serves = serves
         self._kept: dict[tuple[int, int], Fragment] = {}  # by episode and fragment
         self._shelf = Shelf(context.config.lag + 2)
-        self._levels = supply_of(context.config.world.levels, context.folder.path)
-        self._stands_at: tuple[int, int] | None = None  # episode and steps that the last player's world is at
+        levels = supply_of(context.config.world.levels, context.folder.path)
         self._network = chooser_of(context.config)
-        self._players = Players(context.config, self._network, self._on_step)
+        self._player = LeasePlayer(context.config, levels, self._network, self._on_step)
         self._loaded: int | None = None
         self._acting = 0  # the episode
         self._acted = 0
@@ -148,27 +146,10 @@ class Actor:
 
     def _act(self, lease: Lease) -> Fragment:
         begin = time.perf_counter()
-        states = self._stand_at(lease)
-        key = stream_key(self._context.config.seed, lease.episode, "explore")
-        course = self._players.of(lease.level).advance(Acting(self._network, lease.epsilon, key), states, lease.steps)
-        self._stands_at = (lease.episode, course.last_step)
+        course = self._player.act(lease)
         acting_s, waited_s = time.perf_counter() - begin, begin - self._idle_since
         circumstances = Circumstances(actor=self._context.name, acting_s=acting_s, waited_s=waited_s)
         return Fragment(lease=lease, course=course, circumstances=circumstances)
-
-    def _stand_at(self, lease: Lease) -> NDArray[np.float32]:
-        """Bring the world to where the lease goes on, unless it stands there; returns the trains' states [N, S]."""
-        before, stands_at = lease.progressed, self._stands_at
-        self._stands_at = None  # until all goes well
-        if before is not None and stands_at == (lease.episode, before.first_step):
-            return before.states.copy()
-        level, player = self._levels.training(lease.level, lease.level_seed), self._players.of(lease.level)
-        malfunction_seed = training_malfunction_seed(self._context.config.seed, lease.episode)
-        if before is None:
-            player.begin(level, malfunction_seed)
-            return self._network.zero_state(level.n_trains)
-        player.begin(level, malfunction_seed, before.actions, before.first_step)
-        return before.states.copy()
 
     def _on_step(self) -> None:
         if self._context.stopping.asked:

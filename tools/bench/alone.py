@@ -11,9 +11,9 @@ import numpy as np
 
 from common.config import RunConfig
 from common.levels.supply import LevelSupply
-from common.policy.player import Acting, Players, chooser_of
+from common.policy.leased import LeasePlayer
+from common.policy.player import chooser_of
 from common.records.acting import Circumstances, Fragment, Lease, LeaseRequest
-from common.seeding import stream_key, training_malfunction_seed
 from services.learner.desk import Desk
 from services.learner.learning import build_trainer, learning_of
 from services.learner.schedule import Schedule
@@ -35,15 +35,12 @@ class Alone:
 
     def __init__(self, config: RunConfig) -> None:
         self._config = config
-        self._levels = LevelSupply(config.world.levels)
         self._chooser = chooser_of(config)
-        self._players = Players(config, self._chooser)
+        self._player = LeasePlayer(config, LevelSupply(config.world.levels), self._chooser)
         self._trainer = build_trainer(config.rule, learning_of(config))
         self._desk: Desk[None] = Desk(Schedule.of(config), config.world.n_features)
         self._desk.actor_came(NAME, NAME)
         self._weights = {0: self._trainer.weights()}
-        self._stands_at: tuple[int, int] | None = None
-        self._states = np.zeros((0, 0), np.float32)
 
     def run(self) -> list[Trained]:
         """All episodes, in the order in which they were trained."""
@@ -67,18 +64,5 @@ class Alone:
 
     def _act(self, lease: Lease) -> Fragment:
         self._chooser.load(self._weights[lease.weights_version])
-        player, before = self._players.of(lease.level), lease.progressed
-        if before is None or self._stands_at != (lease.episode, before.first_step):
-            level = self._levels.training(lease.level, lease.level_seed)
-            malfunctions = training_malfunction_seed(self._config.seed, lease.episode)
-            if before is None:
-                player.begin(level, malfunctions)
-            else:
-                player.begin(level, malfunctions, before.actions, before.first_step)
-            states = self._chooser.zero_state(level.n_trains)
-        states = states if before is None else before.states.copy()
-        key = stream_key(self._config.seed, lease.episode, "explore")
-        course = player.advance(Acting(self._chooser, lease.epsilon, key), states, lease.steps)
-        self._stands_at = (lease.episode, course.last_step)
         circumstances = Circumstances(actor=NAME, acting_s=0.0, waited_s=0.0)
-        return Fragment(lease=lease, course=course, circumstances=circumstances)
+        return Fragment(lease=lease, course=self._player.act(lease), circumstances=circumstances)

@@ -18,12 +18,12 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
 from common.folder import RunFolder
+from common.levels.distributions import shipped
 from common.policy.determinism import deterministic_torch
 from common.records.rows import EpisodeRow, MetricRow
 from common.rows import read_rows
@@ -36,6 +36,22 @@ ALGORITHMS = ("dqn", "ddqn", "dddqn", "drqn", "ppo", "ppor", "sil")
 NAME = "bench"
 LAGS = (0, 3)
 WARM_UP = 10  # one in so many episodes
+COLUMNS = (  # of the table: title, field, and how it is written
+    ("start s", "start_s", ".1f"),
+    ("end s", "end_s", ".1f"),
+    ("wall s", "wall_s", ".1f"),
+    ("episodes/s", "episodes_per_s", ".1f"),
+    ("steps/s", "steps_per_s", ".0f"),
+    ("alone", "alone_steps_per_s", ".0f"),
+    ("decisions/s", "decisions_per_s", ".0f"),
+    ("learning", "learning", ".0%"),
+    ("publishing", "publishing", ".0%"),
+    ("waiting", "waiting", ".0%"),
+    ("acting ms", "acting_ms", ".2f"),
+    ("beyond ms", "beyond_ms", ".2f"),
+    ("CPU ms/episode", "cpu_ms", ".0f"),
+    ("MiB", "memory_mib", ".0f"),
+)
 
 
 @dataclass(frozen=True)
@@ -50,8 +66,8 @@ class Row:
         episodes_per_s, steps_per_s, decisions_per_s: trained.
         alone_steps_per_s: those of one process without messages, which trains the same.
         learning, publishing, waiting: shares of the learner's time.
-        acting: share of the time that actors act, of one process's time.
-        fragment_ms: a fragment's time beyond learning and acting: messages, and waiting for the processor.
+        acting_ms: that actors act a fragment; under a lag while the learner learns.
+        beyond_ms: a fragment's wall time beyond learning: at lag 0 acting, messages, and waiting for the processor.
         cpu_ms: processor time of all processes, an episode.
         memory_mib: of all processes, the peak of the sum; what they share counts once.
     """
@@ -67,8 +83,8 @@ class Row:
     learning: float
     publishing: float
     waiting: float
-    acting: float
-    fragment_ms: float
+    acting_ms: float
+    beyond_ms: float
     cpu_ms: float
     memory_mib: float
 
@@ -76,7 +92,7 @@ class Row:
 def _railctl(folder: str, *arguments: str) -> None:
     """Run a command to its end; whatever ends this process ends the run, too."""
     railctl = str(Path(sys.executable).with_name("railctl"))
-    environment = os.environ | {"RAILCTL_RUNS": folder}
+    environment = os.environ | {"RAILCTL_RUNS": folder, "RAILCTL_LEVELS": f"{folder}/.levels"}  # no bank of the user's
     try:
         done = subprocess.run((railctl, *arguments), env=environment, capture_output=True, text=True, check=False)
     except BaseException:
@@ -131,8 +147,8 @@ def run_cluster(algorithm: str, level: str, lag: int, episodes: int) -> Row:
         "learning": spent["learning_s"] / took,
         "publishing": spent["publishing_s"] / took,
         "waiting": spent["learner_waited_s"] / took,
-        "acting": spent["acting_s"] / took,
-        "fragment_ms": 1e3 * (took - spent["learning_s"] - spent["acting_s"]) / spent["fragments"],
+        "acting_ms": 1e3 * spent["acting_s"] / spent["fragments"],
+        "beyond_ms": 1e3 * (took - spent["learning_s"]) / spent["fragments"],
         "cpu_ms": 1e3 * watch.cpu_s / episodes,
         "memory_mib": watch.peak_bytes / 2**20,
     }
@@ -143,25 +159,10 @@ def show(rows: Sequence[Row]) -> None:
     """Print the rows for a person."""
     table = Table(box=None, pad_edge=False)
     table.add_column("")
-    columns: list[tuple[str, Any]] = [
-        ("start s", lambda row: f"{row.start_s:.1f}"),
-        ("end s", lambda row: f"{row.end_s:.1f}"),
-        ("wall s", lambda row: f"{row.wall_s:.1f}"),
-        ("episodes/s", lambda row: f"{row.episodes_per_s:.1f}"),
-        ("steps/s", lambda row: f"{row.steps_per_s:.0f}"),
-        ("alone", lambda row: f"{row.alone_steps_per_s:.0f}"),
-        ("decisions/s", lambda row: f"{row.decisions_per_s:.0f}"),
-        ("learning", lambda row: f"{row.learning:.0%}"),
-        ("acting", lambda row: f"{row.acting:.0%}"),
-        ("waiting", lambda row: f"{row.waiting:.0%}"),
-        ("ms/fragment", lambda row: f"{row.fragment_ms:.2f}"),
-        ("CPU ms/episode", lambda row: f"{row.cpu_ms:.0f}"),
-        ("MiB", lambda row: f"{row.memory_mib:.0f}"),
-    ]
-    for title, _ in columns:
+    for title, _, _ in COLUMNS:
         table.add_column(title, justify="right", no_wrap=True)
     for row in rows:
-        table.add_row(row.name, *(text(row) for _, text in columns))
+        table.add_row(row.name, *(format(getattr(row, field), form) for _, field, form in COLUMNS))
     Console(highlight=False, width=max(Console().width, 150)).print(table)
 
 
@@ -169,9 +170,11 @@ def main() -> None:
     parser = Parser(description="Measure whole clusters.", allow_abbrev=False)
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     parser.add_argument("--episodes", type=count, default=300, help="of a run; default: %(default)s")
-    parser.add_argument("--level", default="easy", help="default: %(default)s")
+    parser.add_argument("--level", default="easy", choices=list(shipped()), help="default: %(default)s")
     parser.add_argument("--algorithm", action="append", choices=ALGORITHMS, help="default: all")
     chosen = parser.parse_args()
+    if chosen.episodes < 2:
+        parser.error(f"--episodes {chosen.episodes}: a rate needs at least 2")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(FAILED))
     deterministic_torch()
     names = chosen.algorithm or ALGORITHMS

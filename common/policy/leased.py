@@ -1,0 +1,50 @@
+"""Acting what a lease says: the same for whoever does it."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.config import RunConfig
+from common.levels.supply import LevelSupply
+from common.policy.compiled import Chooser
+from common.policy.player import Acting, Players
+from common.records.acting import Lease
+from common.records.course import Course
+from common.seeding import stream_key, training_malfunction_seed
+
+
+class LeasePlayer:
+    """Acts the leases of a run, one after another; the next fragment of an episode goes on where the world stands."""
+
+    def __init__(
+        self, config: RunConfig, levels: LevelSupply, chooser: Chooser, on_step: Callable[[], None] = lambda: None
+    ) -> None:
+        """`chooser` has to hold the weights that a lease names; `on_step` is called as by `Players`."""
+        self._seed = config.seed
+        self._levels = levels
+        self._chooser = chooser
+        self._players = Players(config, chooser, on_step)
+        self._stands_at: tuple[int, int] | None = None  # episode and steps that the last player's world is at
+
+    def act(self, lease: Lease) -> Course:
+        """What happens under a lease."""
+        states = self._stand_at(lease)
+        key = stream_key(self._seed, lease.episode, "explore")
+        course = self._players.of(lease.level).advance(Acting(self._chooser, lease.epsilon, key), states, lease.steps)
+        self._stands_at = (lease.episode, course.last_step)
+        return course
+
+    def _stand_at(self, lease: Lease) -> NDArray[np.float32]:
+        """Bring the world to where the lease goes on, unless it stands there; returns the trains' states [N, S]."""
+        before, stands_at = lease.progressed, self._stands_at
+        self._stands_at = None  # until all goes well
+        if before is not None and stands_at == (lease.episode, before.first_step):
+            return before.states.copy()
+        level, player = self._levels.training(lease.level, lease.level_seed), self._players.of(lease.level)
+        malfunction_seed = training_malfunction_seed(self._seed, lease.episode)
+        if before is None:
+            player.begin(level, malfunction_seed)
+            return self._chooser.zero_state(level.n_trains)
+        player.begin(level, malfunction_seed, before.actions, before.first_step)
+        return before.states.copy()
