@@ -166,7 +166,7 @@ PROCESSES = st.builds(
     control.ProcessStatus,
     process=NAMES,
     role=ROLES,
-    difficulty=optional(SERVES),
+    serves=optional(SERVES),
     pid=optional(COUNTS),
     state=TEXTS,
     restarts=COUNTS,
