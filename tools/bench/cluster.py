@@ -158,12 +158,12 @@ def run_cluster(algorithm: str, level: str, lag: int, episodes: int) -> Row:
 def show(rows: Sequence[Row]) -> None:
     """Print the rows for a person."""
     table = Table(box=None, pad_edge=False)
-    table.add_column("")
+    table.add_column("", no_wrap=True)
     for title, _, _ in COLUMNS:
         table.add_column(title, justify="right", no_wrap=True)
     for row in rows:
         table.add_row(row.name, *(format(getattr(row, field), form) for _, field, form in COLUMNS))
-    Console(highlight=False, width=max(Console().width, 150)).print(table)
+    Console(highlight=False, width=max(Console().width, 160)).print(table)
 
 
 def main() -> None:
