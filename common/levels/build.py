@@ -26,8 +26,9 @@ from common.interpreter import run_module
 from common.levels.bank import LevelBank
 from common.levels.chunks import BankError, chunk_name, key_of, write_chunk
 from common.levels.distributions import Generated, LegacyLevels, StockLevels
-from common.levels.generate import InfeasibleLevelError, generate
+from common.levels.generate import generate
 from common.levels.held_out import TRIES, HeldOut, retry_seed
+from common.levels.level import InfeasibleLevelError
 from common.strict import Strict
 
 CHUNK_LEVELS = 128  # at most

@@ -9,8 +9,8 @@ from pathlib import Path
 from common.levels.build import OnProgress, build
 from common.levels.check import check
 from common.levels.distributions import AnyLevels, LevelFiles
-from common.levels.generate import InfeasibleLevelError
 from common.levels.held_out import AllHeldOutError, draw_hashes, is_prepared, write_hashes
+from common.levels.level import InfeasibleLevelError
 from common.levels.supply import LevelSupply
 from common.seeding import evaluation_level_seed, training_level_seed
 from common.strict import ConfigError
