@@ -1,7 +1,6 @@
 """What has to be done before a run can use a distribution: whether it can be generated, and what it holds out.
 
-Drawing the evaluation levels takes from seconds to minutes, so it is done once, with progress, and what is found is
-kept in the bank.
+Drawing large evaluation levels takes seconds, so it is done once, with progress, and what is found is kept in the bank.
 """
 
 from pathlib import Path

@@ -82,7 +82,8 @@ def _draw(levels: StockLevels, state: State) -> Level | None:
     layout = draw_layout(levels, room, state)
     draw_uniform(state)  # the share of crossings on two levels, of which there are none
     trips = stock_trips(layout, levels.trains, state)
-    if trips.steps.min() < 0:
+    headings = _headings(layout.grid, trips.targets)
+    if trips.steps.min() < 0 or not headings.all():
         return None
     fractions, bounds = _speeds(tuple((shares_of(levels) or {1.0: 1.0}).items()))
     classes = np.zeros(levels.trains, np.int64)
@@ -103,7 +104,7 @@ def _draw(levels: StockLevels, state: State) -> Level | None:
             speeds=fractions[classes],
             earliest_departures=times.departures,
             latest_arrivals=times.arrivals,
-            target_headings=_headings(layout.grid, trips.targets),
+            target_headings=headings,
             malfunctions=None
             if breakdowns is None
             else Malfunctions(breakdowns.rate, breakdowns.min_steps, breakdowns.max_steps),
