@@ -8,7 +8,6 @@ hand, and building the same again only adds what is missing.
 
 import argparse
 import fcntl
-import gc
 import os
 import subprocess
 import sys
@@ -26,8 +25,9 @@ from common.interpreter import run_module
 from common.levels.bank import LevelBank
 from common.levels.chunks import BankError, chunk_name, key_of, write_chunk
 from common.levels.distributions import Generated, LegacyLevels, StockLevels
-from common.levels.generate import InfeasibleLevelError, generate
+from common.levels.generate import generate
 from common.levels.held_out import TRIES, HeldOut, retry_seed
+from common.levels.level import InfeasibleLevelError
 from common.strict import Strict
 
 CHUNK_LEVELS = 128  # at most
@@ -172,7 +172,7 @@ def _claim(path: Path) -> Iterator[bool]:
 def _run(root: Path, levels: Generated, seeds: Sequence[int], processes: int) -> Iterator[int]:
     """Build with so many processes; yields the number of new levels after each chunk."""
     if processes == 1:
-        yield from _collecting_garbage_by_chunk(work(root, levels, seeds))
+        yield from work(root, levels, seeds)
         return
     with tempfile.TemporaryDirectory() as scratch:
         request, complaints = Path(scratch) / "request.json", Path(scratch) / "complaints"
@@ -199,26 +199,13 @@ def _run(root: Path, levels: Generated, seeds: Sequence[int], processes: int) ->
             raise BankError(f"no worker could finish {root / key}: {reason}: build again to go on")
 
 
-def _collecting_garbage_by_chunk(counts: Iterator[int]) -> Iterator[int]:
-    """The same counts, with the collector off in between: it finds next to nothing, in a twentieth of the time."""
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        for count in counts:
-            gc.collect()
-            yield count
-    finally:
-        if was_on:
-            gc.enable()
-
-
 def main() -> None:
     """Be a worker: what to build in a file, on stdout the number of levels after each chunk."""
     parser = argparse.ArgumentParser(description="Builds levels into a bank.")
     parser.add_argument("request", type=Path, help="a file with a `Request`")
     request = Request.model_validate_json(parser.parse_args().request.read_text())
     try:
-        for count in _collecting_garbage_by_chunk(work(request.root, request.levels, request.seeds)):
+        for count in work(request.root, request.levels, request.seeds):
             os.write(1, b"%d\n" % count)  # workers share the pipe, so a line must be one write
     except InfeasibleLevelError as error:
         sys.exit(f"{INFEASIBLE}{error}")

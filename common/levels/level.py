@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 U2, I4 = np.dtype("<u2"), np.dtype("<i4")  # as all machines hash them
 
 
+class InfeasibleLevelError(RuntimeError):
+    """The generator's draws gave a train no way to its target."""
+
+
 class Malfunctions(NamedTuple):
     """How trains break down: flatland's `MalfunctionParameters`.
 

@@ -1,7 +1,6 @@
 """What has to be done before a run can use a distribution: whether it can be generated, and what it holds out.
 
-Drawing the evaluation levels takes from seconds to minutes, so it is done once, with progress, and what is found is
-kept in the bank.
+Drawing large evaluation levels takes seconds, so it is done once, with progress, and what is found is kept in the bank.
 """
 
 from pathlib import Path
@@ -9,8 +8,8 @@ from pathlib import Path
 from common.levels.build import OnProgress, build
 from common.levels.check import check
 from common.levels.distributions import AnyLevels, LevelFiles
-from common.levels.generate import InfeasibleLevelError
 from common.levels.held_out import AllHeldOutError, draw_hashes, is_prepared, write_hashes
+from common.levels.level import InfeasibleLevelError
 from common.levels.supply import LevelSupply
 from common.seeding import evaluation_level_seed, training_level_seed
 from common.strict import ConfigError

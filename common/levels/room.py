@@ -57,33 +57,3 @@ def check_room(name: str, levels: Generated) -> None:
             f"levels.{name}.cities {levels.cities}: no more than {room.cities} fit on {levels.size[0]}x"
             f"{levels.size[1]}: lower it, or make size larger"
         )
-
-
-class CompactPairs(int):
-    """Pairs of rails in a city, for `SparseRailGen`: it takes a smaller radius for its cities than it otherwise would.
-
-    It computes the radius as half of `pairs * 2`, plus its padding.
-    """
-
-    spared = 0
-
-    def __mul__(self, other: int) -> int:
-        rails = _Rails(int(self) * int(other))
-        rails.radius = int(self) - self.spared
-        return rails
-
-
-class _Rails(int):
-    radius = 0
-
-    def __truediv__(self, _two: int) -> int:
-        return self.radius
-
-
-def compact(room: Room) -> int:
-    """The pairs of rails, as `SparseRailGen` is given them."""
-    if room.spared == 0:
-        return room.rail_pairs
-    pairs = CompactPairs(room.rail_pairs)
-    pairs.spared = room.spared
-    return pairs

@@ -1,11 +1,12 @@
-"""python -m common.policy.compile: compiles the world and the twins, so that no actor's first start has to.
+"""python -m common.policy.compile: compiles levels, world and twins, so that no actor's first start has to.
 
 The machine code is kept beside the sources, or in the user's cache where those cannot be written.
 """
 
 import numpy as np
 
-from common.levels.distributions import shipped
+from common.levels.distributions import StockLevels, shipped
+from common.levels.generate import generate
 from common.levels.supply import LevelSupply
 from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters
@@ -16,7 +17,8 @@ from common.world import WorldSpec
 
 
 def main() -> None:
-    """Play one episode whole, and one step by step."""
+    """Generate levels of both kinds; play one episode whole, and one step by step."""
+    generate(StockLevels(rules="stock", size=(25, 25), trains=2, cities=2, speeds={1.0: 0.5, 0.5: 0.5}), 0)
     config, spec = NetworkConfig(), WorldSpec(levels={"easy": shipped()["easy"]})
     layout = network_layout(config, spec.n_features)
     twin = Twin(layout)

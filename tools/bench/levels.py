@@ -26,13 +26,12 @@ from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
 from common.levels.bank import LevelBank
 from common.levels.chunks import chunk_name, write_chunk
 from common.levels.distributions import StockLevels, shipped
-from common.levels.legacy import forget_rails
 from common.levels.level import Level
 from common.levels.shipped import generate
 from common.rail.compiled.world import CompiledWorld
 from common.rail.plain_env import plain_environment
 from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
-from tools.levels.library import library_environment
+from tools.levels.library import forget_rails, library_environment
 
 PASSES = 10  # over all levels of the bank, or it would be over before it can be timed
 ROOT, DISTANCE = 0, 6  # node and feature of a tree: the distance to the target

@@ -31,7 +31,6 @@ from flatland.envs.rail_env_action import RailEnvActions
 from numpy.typing import NDArray
 
 from common.levels.distributions import shipped
-from common.levels.legacy import forget_rails
 from common.levels.level import Level
 from common.levels.shipped import generate
 from common.policy.compiled import Twin
@@ -46,6 +45,7 @@ from common.rules.settings import NetworkConfig
 from common.seeding import stream_key
 from tools.bench.conditions import study_rollouts
 from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
+from tools.levels.library import forget_rails
 
 DEPTH = 2
 EPSILON = 0.1

@@ -1,5 +1,6 @@
 """flatland-rl's own environments that draw stock levels, made as its users make them: what ours are compared with."""
 
+from collections.abc import Callable
 from typing import Any
 
 from flatland.core.env_observation_builder import DummyObservationBuilder
@@ -7,6 +8,7 @@ from flatland.envs.line_generators import sparse_line_generator
 from flatland.envs.malfunction_generators import MalfunctionParameters, ParamMalfunctionGen
 from flatland.envs.rail_env import RailEnv
 from flatland.envs.rail_generators import sparse_rail_generator
+from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
 from flatland.envs.timetable_generators import timetable_generator
 from flatland.envs.timetable_utils import Timetable
 
@@ -41,3 +43,17 @@ def _no_timetable(agents: Any, distance_map: Any, hints: Any, np_random: Any = N
     departures: list[Any] = [[0, None] for _ in agents]
     arrivals: list[Any] = [[None, limit] for _ in agents]
     return Timetable(departures, arrivals, limit)
+
+
+def forget_rails() -> None:
+    """Empty the library's caches, which are keyed on the map and would keep every map ever made."""
+    for cached in _MAP_CACHES:
+        cached()
+
+
+_MAP_CACHES: list[Callable[[], None]] = [
+    member.cache_clear
+    for owner in RailGridTransitionMap.__mro__
+    for member in vars(owner).values()
+    if hasattr(member, "cache_clear")
+]

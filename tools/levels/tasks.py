@@ -15,9 +15,8 @@ from common.levels.build import Progress, build, build_training
 from common.levels.chunks import BankError, key_of
 from common.levels.distributions import LevelFiles
 from common.levels.files import Groups, LevelFileError
-from common.levels.generate import InfeasibleLevelError
 from common.levels.held_out import AllHeldOutError
-from common.levels.level import Level
+from common.levels.level import InfeasibleLevelError, Level
 from common.levels.prepare import prepare
 from common.levels.reading import ReadFile, read, shape_name
 from common.levels.requests import (

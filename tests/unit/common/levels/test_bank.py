@@ -17,8 +17,8 @@ from common.levels.bank import LevelBank
 from common.levels.build import Progress, build
 from common.levels.chunks import HEADER_BYTES, BankError, key_of
 from common.levels.distributions import StockLevels, shipped
-from common.levels.generate import InfeasibleLevelError
 from common.levels.generate import generate as generate_any
+from common.levels.level import InfeasibleLevelError
 from common.levels.shipped import generate
 
 EASY = shipped()["easy"]

@@ -1,24 +1,23 @@
-"""Levels of the study: pure, feasible, and the same as the library's own slow way gives."""
+"""Levels of the study: pure and feasible; that they are the library's is tested in `compiled`."""
 
 import os
 import random
 import subprocess
-from typing import Any
 
 import numpy as np
 import pytest
-from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
 
 from common.interpreter import PYTHON
 from common.levels import legacy
-from common.levels.distances import Distances
+from common.levels.compiled.twister import State
 from common.levels.distributions import LegacyLevels, shipped
-from common.levels.generate import InfeasibleLevelError
 from common.levels.generate import generate as generate_any
 from common.levels.legacy import max_episode_steps
+from common.levels.level import InfeasibleLevelError
 from common.levels.shipped import generate
 from common.rail.flatland_world import FlatlandWorld
 from common.seeding import evaluation_level_seed, training_level_seed
+from tools.levels.routes import numbers
 
 NAMES = tuple(shipped())
 LARGEST_SEED = 2**32 - 1
@@ -91,41 +90,14 @@ def test_global_generators_are_neither_read_nor_moved():
     assert generate("hard", 9).content_hash == first.content_hash
 
 
-def test_no_map_is_kept():
-    generate("easy", 1)
-    assert RailGridTransitionMap.get_transitions.cache_info().currsize == 0
-    assert RailGridTransitionMap.check_path_exists.cache_info().currsize == 0
-
-
-@pytest.mark.parametrize("difficulty", NAMES)
-def test_broken_cells_are_those_that_the_library_finds(difficulty: str, monkeypatch: pytest.MonkeyPatch):
-    drawn = []
-    fix = legacy._LegacyRails._fix_transitions
-
-    def look_first(self: legacy._LegacyRails, *arguments: Any):
-        grid_map = arguments[2]
-        found = legacy.broken_cells(grid_map.grid, list(grid_map.transitions.transitions_all))
-        expected = [
-            [not grid_map.cell_neighbours_valid((row, column), True) for column in range(25)] for row in range(25)
-        ]
-        np.testing.assert_array_equal(found, expected)
-        drawn.append(found.sum())
-        fix(self, *arguments)
-
-    monkeypatch.setattr(legacy._LegacyRails, "_fix_transitions", look_first)
-    for seed in range(4):
-        generate(difficulty, seed)
-    assert min(drawn) > 0
-
-
 def test_an_infeasible_draw_is_drawn_anew_from_a_derived_seed(monkeypatch: pytest.MonkeyPatch):
     draw, draws = legacy._draw, []
 
-    def fail_once(levels: LegacyLevels, rng: np.random.RandomState):
-        draws.append(rng)
+    def fail_once(levels: LegacyLevels, state: State):
+        draws.append(state)
         if len(draws) % 2 == 1:
             raise InfeasibleLevelError
-        return draw(levels, rng)
+        return draw(levels, state)
 
     plain = generate("easy", 4)
     monkeypatch.setattr(legacy, "_draw", fail_once)
@@ -145,9 +117,7 @@ def test_other_sizes_have_their_own_step_limit_and_tracks():
     assert level.grid.shape == (30, 44)
     assert level.n_trains == 12
     assert level.max_steps in {max_episode_steps(30, 44, 12, cities) for cities in (2, 3, 4)}
-    distances = Distances(level.grid)
-    for start, target in zip(level.starts.tolist(), level.targets.tolist(), strict=True):
-        assert distances.between(start[:2], start[2], target) > 0
+    assert min(numbers(level).distances) > 0
 
 
 def test_training_and_evaluation_never_share_a_seed():

@@ -7,9 +7,9 @@ from flatland.utils.seeding import np_random
 from common.levels.check import check
 from common.levels.distributions import LegacyLevels, StockLevels
 from common.levels.generate import generate
-from common.levels.legacy import forget_rails
 from common.levels.room import Room, room_of
 from common.strict import ConfigError
+from tools.levels.library import forget_rails
 
 
 def stock(size: tuple[int, int], pairs: int = 2, cities: int = 2) -> StockLevels:
