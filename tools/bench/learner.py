@@ -14,7 +14,7 @@ import torch
 from common.levels.shipped import generate
 from common.policy.actor_critic import build_actor_critic
 from common.policy.compiled import Twin
-from common.policy.networks import build_network, export_parameters
+from common.policy.networks import QNetwork, build_network, export_parameters
 from common.policy.packing import Kind, Layout
 from common.policy.player import Acting, play
 from common.policy.recurrent import build_recurrent_network
@@ -28,7 +28,8 @@ from services.learner.algorithms.dqn import Dqn
 from services.learner.algorithms.ppo import Ppo
 from services.learner.algorithms.sil import Sil
 from services.learner.experience import Experience
-from services.learner.network.policies import PolicyNetwork
+from services.learner.fused.dqn import FusedDqn
+from services.learner.fused.policy import FusedPolicy
 from services.learner.network.sparse import SparseRows, sparse_rows
 from services.learner.plain_dqn import PlainDqn
 from services.learner.plain_policy import PlainPolicy
@@ -75,7 +76,8 @@ def value_case(name: str, kind: Kind, batch_size: int, target_tau: float | None 
 
     def sides() -> tuple[Learn, Learn]:
         network = build(NetworkConfig(kind=kind, hidden=HIDDEN), N_FEATURES, N_ACTIONS, seed=1)
-        ours, theirs = Dqn(dqn, network), PlainDqn(dqn, network)
+        ours = FusedDqn(dqn, network) if isinstance(network, QNetwork) else Dqn(dqn, network)
+        theirs = PlainDqn(dqn, network)
         return lambda batch: ours.update(batch).metrics["loss"], theirs.update
 
     def batch(seen: Seen, rng: np.random.Generator) -> Batch:
@@ -98,13 +100,13 @@ def policy_case(name: str, batch_size: int, sil: SilConfig | None = None) -> Cas
     def sides() -> tuple[Learn, Learn]:
         config = NetworkConfig(kind="actor-critic", hidden=HIDDEN)
         network = build_actor_critic(config, N_FEATURES, N_ACTIONS, seed=1)
-        flat, plain = PolicyNetwork(network, ppo.learning_rate, ppo.max_gradient_norm), PlainPolicy(network, ppo)
+        flat, plain = FusedPolicy(network, ppo.learning_rate, ppo.max_gradient_norm), PlainPolicy(network, ppo)
         if sil is not None:
             ours = Sil(sil, flat)
             return lambda batch: imitation_loss(ours.update(rows(batch), batch)[0], sil), lambda batch: plain.imitate(
                 batch, sil
             )
-        return lambda batch: ppo_loss(Ppo(ppo, flat).update(rows(batch), batch), ppo), plain.update
+        return lambda batch: ppo_loss(Ppo(ppo, flat).update(rows(batch), batch)[0], ppo), plain.update
 
     def batch(seen: Seen, rng: np.random.Generator) -> Experience:
         return Experience(
