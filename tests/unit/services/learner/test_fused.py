@@ -17,6 +17,7 @@ from common.rules.policies import PpoConfig
 from common.rules.settings import NetworkConfig
 from common.rules.sil import SilConfig
 from common.rules.values import DqnConfig
+from services.learner.algorithms.dqn import Dqn
 from services.learner.algorithms.ppo import Ppo
 from services.learner.algorithms.sil import Sil
 from services.learner.experience import Experience
@@ -25,6 +26,7 @@ from services.learner.fused.dqn import FusedDqn
 from services.learner.fused.packed import VALUES
 from services.learner.fused.policy import FusedPolicy
 from services.learner.network.adam import LEAST, move
+from services.learner.network.policies import PolicyNetwork
 from services.learner.network.sparse import sparse_rows
 from services.learner.plain_dqn import PlainDqn
 from services.learner.plain_policy import PlainPolicy
@@ -253,3 +255,28 @@ def test_moments_fade_to_zero():
     scalars = np.float32(1), np.float32(0.1), np.float32(1)
     move(values, np.zeros(1, np.float32), mean, square, *scalars)
     assert mean == square == values == 0
+
+
+def assert_each_takes_the_state_of_the_other(first, second):
+    for learner, other in ((first, second), (second, first)):
+        other.restore(learner.state())
+        assert list(other.state()) == list(learner.state())
+        for name, array in learner.state().items():
+            np.testing.assert_array_equal(other.state()[name], array, err_msg=name)
+
+
+@pytest.mark.parametrize("kind", ["plain", "dueling"])
+def test_states_of_action_values_are_those_of_the_updates_by_autograd(kind):
+    config = DqnConfig(learning_rate=3e-4, batch_size=20, learn_every_steps=1, target_tau=0.1)
+    network, rng = build_network(NetworkConfig(kind=kind, hidden=(16, 8)), 30, 5, seed=1), np.random.default_rng(1)
+    fused, plain = FusedDqn(config, network), Dqn(config, network)
+    fused.update(transitions(rng, 20, 30, 5))
+    assert_each_takes_the_state_of_the_other(fused, plain)
+
+
+def test_states_of_policies_are_those_of_the_updates_by_autograd():
+    rng = np.random.default_rng(1)
+    network = actor_critic((16, 8), 30, 5)
+    policy, batch = FusedPolicy(network, 1e-3, 0.5), experience(rng, 20, 30, 5)
+    Ppo(PpoConfig(learning_rate=1e-3, epochs=1), policy).update(sparse_rows(batch.observation_tm1), batch)
+    assert_each_takes_the_state_of_the_other(policy, PolicyNetwork(network, 1e-3, 0.5))
