@@ -16,6 +16,24 @@ from common.kernel import bare_kernel
 Real = float | np.float64  # compiled, `float` of a float32 would stay one
 LARGEST_EXPONENT = 104.0  # beyond, exp is zero or infinite in float32
 LARGEST_TANH = 20.0  # beyond, tanh is one in float32 and in float64
+TANH_BOUND = np.float32(7.90531110763549805)  # beyond, tanh is one in float32
+TANH_ABOVE = tuple(  # from the highest power of the square down
+    map(
+        np.float32,
+        (
+            -2.76076847742355e-16,
+            2.00018790482477e-13,
+            -8.60467152213735e-11,
+            5.12229709037114e-08,
+            1.48572235717979e-05,
+            6.37261928875436e-04,
+            4.89352455891786e-03,
+        ),
+    )
+)
+TANH_BELOW = tuple(
+    map(np.float32, (1.19825839466702e-06, 1.18534705686654e-04, 2.26843463243900e-03, 4.89352518554385e-03))
+)
 LARGEST_REDUCED = 1.5  # the logarithm's series is used between 1/1.5 and 1.5
 FRACTION_BITS = 52  # of a float64: below them stand 11 bits of exponent
 FRACTION = (1 << FRACTION_BITS) - 1
@@ -60,6 +78,27 @@ def tanh(x: Real) -> Real:
     for _ in range(7):
         below = below * (below + 2.0)
     return below / (below + 2.0)
+
+
+@bare_kernel
+def tanh32(x: np.float32) -> np.float32:
+    """The hyperbolic tangent in float32, to 3e-7 relative: a quotient of polynomials, as in the library Eigen.
+
+    What networks compute between their layers, acting and learning: the same bits in both.
+    """
+    bounded = min(x, TANH_BOUND)
+    bounded = max(bounded, -TANH_BOUND)
+    square = bounded * bounded
+    above = square * TANH_ABOVE[0] + TANH_ABOVE[1]
+    above = square * above + TANH_ABOVE[2]
+    above = square * above + TANH_ABOVE[3]
+    above = square * above + TANH_ABOVE[4]
+    above = square * above + TANH_ABOVE[5]
+    above = square * above + TANH_ABOVE[6]
+    below = square * TANH_BELOW[0] + TANH_BELOW[1]
+    below = square * below + TANH_BELOW[2]
+    below = square * below + TANH_BELOW[3]
+    return bounded * above / below
 
 
 @bare_kernel

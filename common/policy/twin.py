@@ -3,8 +3,8 @@
 
 Exactness: a row's sums run over its own non-zero inputs in ascending order, whatever lies beside it in the batch; only
 IEEE additions, multiplications and divisions in a fixed order are used (no fastmath, no fused multiply-add, no
-function of the system's library), so all x86-64 machines give the same bits. Torch sums in another order: the twins
-agree with it to rounding, not to the bit.
+function of the system's library), so all x86-64 machines give the same bits. The compiled updates of the learner
+(`services.learner.fused`) sum in the same order and give the same bits; torch agrees to rounding.
 
 Speed: about four fifths of a tree observation are exact zeros (see `common.rail.normalise`), and about half of what
 ReLU lets through; those rows of the weights are never read. Between layers only the other values are kept, with their
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import bare_kernel, kernel
-from common.policy.arithmetic import sigmoid, tanh
+from common.policy.arithmetic import sigmoid, tanh, tanh32
 from common.policy.packing import ACTOR_CRITIC, BLOCK, GATES, HEADER_WIDTHS, PLAIN, RECURRENT
 
 _Floats = NDArray[np.float32]
@@ -62,7 +62,7 @@ def bounded(sums: _Floats, places: _Ints, values: _Floats) -> int:
     """Tanh of sums [n]: as `nonzeros`, but all entries."""
     for place in range(len(sums)):
         places[place] = place
-        values[place] = np.float32(tanh(np.float64(sums[place])))
+        values[place] = tanh32(sums[place])
     return len(sums)
 
 

@@ -10,11 +10,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from common.policy.actor_critic import build_actor_critic
+from common.policy.actor_critic import ActorCritic, build_actor_critic
 from common.records.acting import Fragment
 from common.records.course import Course
 from common.rules.policies import PolicySettings
 from services.learner.experience import Experience
+from services.learner.fused.policy import FusedPolicy
 from services.learner.learning import Learning, by_part, means
 from services.learner.network.policies import PolicyNetwork
 from services.learner.network.sparse import sparse_rows
@@ -38,17 +39,20 @@ class PolicyRule(Protocol):
         """Take on a `state`; ValueError names the tensor that does not fit."""
 
 
-def build_network(learning: Learning[PolicySettings]) -> PolicyNetwork:
-    """The network of a run as its seed makes it."""
+def build_network(learning: Learning[PolicySettings]) -> FusedPolicy | PolicyNetwork:
+    """The network of a run as its seed makes it: trained in compiled code, but for a module of the rule's own."""
     settings, sizes = learning.settings, (learning.n_features, learning.n_actions, learning.seed)
     network, ppo = settings.module(*sizes) or build_actor_critic(settings.network, *sizes), settings.ppo
-    return PolicyNetwork(network, ppo.learning_rate, ppo.max_gradient_norm)
+    kind = FusedPolicy if isinstance(network, ActorCritic) else PolicyNetwork
+    return kind(network, ppo.learning_rate, ppo.max_gradient_norm)
 
 
 class PolicyTrainer:
     """A `services.learner.learning.Trainer` around a rule and the network that the rule trains."""
 
-    def __init__(self, learning: Learning[PolicySettings], network: PolicyNetwork, rule: PolicyRule) -> None:
+    def __init__(
+        self, learning: Learning[PolicySettings], network: FusedPolicy | PolicyNetwork, rule: PolicyRule
+    ) -> None:
         self._discount = learning.settings.discount
         self._least_reward = learning.least_reward
         self._network = network

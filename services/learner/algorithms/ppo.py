@@ -25,12 +25,14 @@ from torch import Tensor
 from common.rules.policies import PolicySettings, PpoConfig
 from services.learner.algorithms.shapes import check_shapes
 from services.learner.experience import Experience
+from services.learner.fused.policy import FusedPolicy
+from services.learner.fused.policy_losses import FLOOR
 from services.learner.learning import Learning, Trainer
 from services.learner.network.policies import PolicyNetwork
 from services.learner.network.sparse import SparseRows, sparse_rows
 from services.learner.policy_training import PolicyTrainer, build_network
 
-FLOOR = 1e-3  # of scaled advantages: a tenth of a step; lesser differences are not blown up to 1
+METRICS = ("policy_loss", "value_loss", "entropy", "value_error", "clip_share", "kl", "gradient_norm")
 
 
 def log_probability(logits: Tensor, action: Tensor) -> Tensor:
@@ -111,29 +113,39 @@ def entropy(logits: Tensor) -> Tensor:
 
 
 class Ppo:
-    """Trains an actor-critic, a batch at a time."""
+    """Trains an actor-critic, a batch at a time: in compiled code, or by autograd a network that has none."""
 
-    def __init__(self, config: PpoConfig, network: PolicyNetwork) -> None:
+    def __init__(self, config: PpoConfig, network: FusedPolicy | PolicyNetwork) -> None:
         self._config = config
         self._network = network
 
-    def update(self, x: SparseRows, batch: Experience) -> dict[str, float]:
-        """One step of Adam on `-surrogate + c1 * value loss - c2 * entropy`, means over the batch.
+    def update(self, x: SparseRows, batch: Experience, count: int = 1) -> list[dict[str, float]]:
+        """Steps of Adam on `-surrogate + c1 * value loss - c2 * entropy`, means over the batch.
 
         Args:
             x: [B, F], the batch's observations.
             batch: B decisions.
+            count: of steps.
 
         Returns:
-            `policy_loss`, `value_loss` and `entropy`; `value_error`, the mean of |R - V|; `clip_share`, of decisions
-            whose ratio is out of its limits; `kl`, an estimate of how far the policy is from the one that acted
-            (Schulman, "Approximating KL divergence", 2020, k3); `gradient_norm`, L2. All are from before the step.
+            For each step `policy_loss`, `value_loss` and `entropy`; `value_error`, the mean of |R - V|; `clip_share`,
+            of decisions whose ratio is out of its limits; `kl`, an estimate of how far the policy is from the one that
+            acted (Schulman, "Approximating KL divergence", 2020, k3); `gradient_norm`, L2. All are from before the
+            step.
 
         Raises:
-            FloatingPointError: the loss is not finite; the network is as it was.
+            FloatingPointError: the loss is not finite; the network is as it was before this step.
         """
+        if isinstance(self._network, PolicyNetwork):
+            return [self._step(self._network, x, batch) for _ in range(count)]
+        steps = self._network.ppo(self._config, x, batch, count)
+        for *_, loss in steps:
+            check_finite(loss)
+        return [dict(zip(METRICS, numbers, strict=True)) for *numbers, _ in steps.tolist()]
+
+    def _step(self, network: PolicyNetwork, x: SparseRows, batch: Experience) -> dict[str, float]:
         config = self._config
-        logits, value = self._network.outputs(x)
+        logits, value = network.outputs(x)
         error = (batch.return_t - value).detach()
         log_ratio = log_probability(logits, batch.action_tm1) - batch.log_probability_tm1
         ratio = log_ratio.exp()
@@ -141,8 +153,8 @@ class Ppo:
         value_loss = clipped_value_loss(value, batch.value_tm1, batch.return_t, config.clip).mean()
         bonus = entropy(logits).mean()
         loss = policy_loss + config.value_weight * value_loss - config.entropy_weight * bonus
-        check_finite(loss)
-        gradient_norm = self._network.descend(loss)
+        check_finite(loss.item())
+        gradient_norm = network.descend(loss)
         return {
             "policy_loss": policy_loss.item(),
             "value_loss": value_loss.item(),
@@ -154,22 +166,21 @@ class Ppo:
         }
 
 
-def check_finite(loss: Tensor) -> None:
+def check_finite(loss: float) -> None:
     """Raises FloatingPointError for a loss that is not a number or infinite."""
-    if not math.isfinite(value := loss.item()):
-        raise FloatingPointError(f"the loss is {value}: training has diverged, lower ppo.learning_rate")
+    if not math.isfinite(loss):
+        raise FloatingPointError(f"the loss is {loss}: training has diverged, lower ppo.learning_rate")
 
 
 class WholeEpisodes:
     """Every epoch is an update on the whole episode."""
 
-    def __init__(self, config: PpoConfig, network: PolicyNetwork) -> None:
+    def __init__(self, config: PpoConfig, network: FusedPolicy | PolicyNetwork) -> None:
         self._epochs = config.epochs
         self._ppo = Ppo(config, network)
 
     def learn(self, new: Experience) -> list[dict[str, float]]:
-        x = sparse_rows(new.observation_tm1)
-        return [self._ppo.update(x, new) for _ in range(self._epochs)]
+        return self._ppo.update(sparse_rows(new.observation_tm1), new, self._epochs)
 
     def metrics(self) -> dict[str, float]:
         return {}

@@ -11,6 +11,7 @@ What the text leaves open: there is no update until the replay holds a batch.
 from common.rules.ppor import ReplayedPpoConfig, Settings
 from services.learner.algorithms.ppo import Ppo
 from services.learner.experience import Experience, ExperienceReplay, WithReplay
+from services.learner.fused.policy import FusedPolicy
 from services.learner.learning import Learning, Trainer
 from services.learner.network.policies import PolicyNetwork
 from services.learner.network.sparse import sparse_rows
@@ -20,7 +21,9 @@ from services.learner.policy_training import PolicyTrainer, build_network
 class FromReplay(WithReplay):
     """Every epoch is an update on a batch from the replay."""
 
-    def __init__(self, config: ReplayedPpoConfig, network: PolicyNetwork, replay: ExperienceReplay) -> None:
+    def __init__(
+        self, config: ReplayedPpoConfig, network: FusedPolicy | PolicyNetwork, replay: ExperienceReplay
+    ) -> None:
         super().__init__(replay)
         self._epochs = config.epochs
         self._batch_size = config.batch_size
@@ -30,9 +33,9 @@ class FromReplay(WithReplay):
         self._replay.add(new)
         if len(self._replay) < self._batch_size:
             return []
-        return [self._update() for _ in range(self._epochs)]
+        return [row for _ in range(self._epochs) for row in self._update()]
 
-    def _update(self) -> dict[str, float]:
+    def _update(self) -> list[dict[str, float]]:
         batch, _ = self._replay.sample(self._batch_size)
         return self._ppo.update(sparse_rows(batch.observation_tm1), batch)
 

@@ -25,10 +25,13 @@ from common.rules.sil import Settings, SilConfig
 from services.learner.algorithms.ppo import WholeEpisodes, check_finite, log_probability
 from services.learner.algorithms.shapes import check_shapes
 from services.learner.experience import Experience, ExperienceReplay, WithReplay
+from services.learner.fused.policy import FusedPolicy
 from services.learner.learning import Learning, Trainer
 from services.learner.network.policies import PolicyNetwork
 from services.learner.network.sparse import SparseRows, sparse_rows
 from services.learner.policy_training import PolicyTrainer, build_network
+
+METRICS = ("sil_policy_loss", "sil_value_loss", "sil_gain", "sil_positive_share", "sil_gradient_norm")
 
 
 def imitation_policy_loss(log_probability_tm1: Tensor, gain: Tensor) -> Tensor:
@@ -64,9 +67,9 @@ def imitation_value_loss(value: Tensor, return_t: Tensor) -> Tensor:
 
 
 class Sil:
-    """Trains an actor-critic, a batch at a time."""
+    """Trains an actor-critic, a batch at a time: in compiled code, or by autograd a network that has none."""
 
-    def __init__(self, config: SilConfig, network: PolicyNetwork) -> None:
+    def __init__(self, config: SilConfig, network: FusedPolicy | PolicyNetwork) -> None:
         self._config = config
         self._network = network
 
@@ -84,13 +87,20 @@ class Sil:
         Raises:
             FloatingPointError: the loss is not finite; the network is as it was.
         """
-        logits, value = self._network.outputs(x)
+        if isinstance(self._network, PolicyNetwork):
+            return self._step(self._network, x, batch)
+        numbers, gains = self._network.imitate(self._config.value_weight, x, batch)
+        check_finite(float(numbers[-1]))
+        return dict(zip(METRICS, numbers[:-1].tolist(), strict=True)), gains
+
+    def _step(self, network: PolicyNetwork, x: SparseRows, batch: Experience) -> tuple[dict[str, float], Tensor]:
+        logits, value = network.outputs(x)
         gain = (batch.least_return_t - value).detach().clamp(min=0)
         policy_loss = imitation_policy_loss(log_probability(logits, batch.action_tm1), gain).mean()
         value_loss = imitation_value_loss(value, batch.least_return_t).mean()
         loss = policy_loss + self._config.value_weight * value_loss
-        check_finite(loss)
-        gradient_norm = self._network.descend(loss)
+        check_finite(loss.item())
+        gradient_norm = network.descend(loss)
         metrics = {
             "sil_policy_loss": policy_loss.item(),
             "sil_value_loss": value_loss.item(),

@@ -15,7 +15,6 @@ from torch import Tensor
 
 from common.kernel import bare_kernel
 from services.learner.network.parameters import Parameters
-from services.learner.network.sparse import SparseRows, accumulate, multiply
 
 
 class Memory:
@@ -50,20 +49,12 @@ def stop_where_zero(y: NDArray[np.float32], gradient: NDArray[np.float32]) -> No
         gradient[i] = gradient[i] if y[i] > np.float32(0) else np.float32(0)
 
 
-@bare_kernel
-def flatten_where_far(y: NDArray[np.float32], gradient: NDArray[np.float32]) -> None:
-    """The gradient [n] of Tanh's inputs, from its outputs and their gradient."""
-    for i in range(len(y)):
-        gradient[i] = gradient[i] * (np.float32(1) - y[i] * y[i])
-
-
 def tanh_(x: Tensor) -> Tensor:
     """Tanh in place, as `2 sigmoid(2 x) - 1`: several times as fast as torch's own here, and as exact as sums."""
     return x.mul_(2).sigmoid_().mul_(2).sub_(1)
 
 
 RELU = Activation(torch.relu_, lambda y, gradient: stop_where_zero(y.view(-1).numpy(), gradient.view(-1).numpy()))
-TANH = Activation(tanh_, lambda y, gradient: flatten_where_far(y.view(-1).numpy(), gradient.view(-1).numpy()))
 
 
 class Linear:
@@ -89,29 +80,6 @@ class Linear:
         return torch.mm(gradient, self._weight.t(), out=self._x_gradient.of(len(gradient)))
 
 
-class SparseLinear:
-    """The same over observations, which are mostly zeros; nobody asks for their gradient."""
-
-    def __init__(self, parameters: Parameters, name: str) -> None:
-        self._weight, self._bias = parameters.value(f"{name}.weight"), parameters.value(f"{name}.bias")
-        self._weight_gradient = parameters.gradient(f"{name}.weight")
-        self._bias_gradient = parameters.gradient(f"{name}.bias")
-        self._out = Memory(len(self._bias))
-        self._x: SparseRows
-
-    def forward(self, x: SparseRows) -> Tensor:
-        """[B, I] to [B, H]."""
-        self._x, out = x, self._out.of(x.n_rows)
-        multiply(x.starts, x.columns, x.values, self._weight.numpy(), self._bias.numpy(), out.numpy())
-        return out
-
-    def backward(self, gradient: Tensor) -> None:
-        """Of [B, H]."""
-        x = self._x
-        accumulate(x.starts, x.columns, x.values, gradient.numpy(), self._weight_gradient.numpy())
-        torch.sum(gradient, 0, out=self._bias_gradient)
-
-
 class Stack:
     """Hidden layers, an activation after each."""
 
@@ -133,24 +101,3 @@ class Stack:
             self._activation.differentiate(out, gradient)
             gradient = layer.backward(gradient)
         return gradient
-
-
-class Perceptron:
-    """The hidden layers over observations, the first of which skips zeros."""
-
-    def __init__(self, parameters: Parameters, name: str, count: int, activation: Activation) -> None:
-        """Its layers are `name`.0, `name`.1 and so on; there are `count`."""
-        self._first, self._activation = SparseLinear(parameters, f"{name}.0"), activation
-        self._rest = Stack([Linear(parameters, f"{name}.{layer}") for layer in range(1, count)], activation)
-        self._out = torch.empty(0)
-
-    def forward(self, x: SparseRows) -> Tensor:
-        """[B, F] to [B, H]."""
-        self._out = self._activation.apply(self._first.forward(x))
-        return self._rest.forward(self._out)
-
-    def backward(self, gradient: Tensor) -> None:
-        """Of [B, H], overwritten."""
-        gradient = self._rest.backward(gradient)
-        self._activation.differentiate(self._out, gradient)
-        self._first.backward(gradient)

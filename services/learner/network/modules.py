@@ -1,8 +1,8 @@
-"""The plain path: any torch module and autograd, with the face of the networks whose gradients are written out.
+"""The plain path: any torch module and autograd.
 
 A rule may bring a module of its own (`common.policy.modules` acts with it). What trains it is the same: Adam and soft
-updates over one flat tensor, of which the module's parameters are views. The fast networks (`values`, `policies`) are
-for the kinds that they know; this path costs what autograd costs.
+updates over one flat tensor, of which the module's parameters are views. What is known by its class learns in compiled
+code (`fused`); this path costs what autograd costs.
 """
 
 import copy

@@ -1,87 +1,20 @@
-"""The network of a policy for training: what `common.policy.actor_critic` defines, with gradients and steps of Adam.
+"""A module of a policy for training: gradients by autograd (see `modules`), clipped, and steps of Adam.
 
-Only a loss on top of the outputs goes through autograd; any other module goes the plain path, see `modules`.
+`fused.policy` does the same for the networks of `common.policy.actor_critic`, several times as fast.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Protocol
+from collections.abc import Mapping
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from common.policy.actor_critic import ActorCritic
 from common.policy.networks import export_tensors, import_tensors
 from services.learner.network.adam import Adam
-from services.learner.network.layers import TANH, Linear, Perceptron
 from services.learner.network.modules import ModulePolicy
-from services.learner.network.parameters import Parameters
 from services.learner.network.sparse import SparseRows
-
-
-class Half:
-    """The actor or the critic: hidden layers with Tanh, and a head."""
-
-    def __init__(self, parameters: Parameters, name: str, depth: int) -> None:
-        self._hidden = Perceptron(parameters, f"{name}_hidden", depth, TANH)
-        self._head = Linear(parameters, name)
-
-    def forward(self, x: SparseRows) -> Tensor:
-        """[B, F] to [B, O]."""
-        return self._head.forward(self._hidden.forward(x))
-
-    def backward(self, gradient: Tensor) -> None:
-        """From the gradient of the last outputs [B, O] to those of the parameters."""
-        self._hidden.backward(self._head.backward(gradient))
-
-
-class PolicyBody(Protocol):
-    """A copy of an actor-critic to train: outputs and gradients.
-
-    Attributes:
-        parts: of the flat gradient, each of which is clipped on its own.
-    """
-
-    parameters: Parameters
-    parts: Sequence[Tensor]
-
-    def forward(self, x: SparseRows) -> tuple[Tensor, Tensor]:
-        """[B, F] to logits [B, A] and values [B], valid until the next call."""
-
-    def values(self, x: SparseRows) -> Tensor:
-        """[B, F] to values [B], valid until the next call."""
-
-    def backward(self, by_logits: Tensor, by_value: Tensor) -> None:
-        """From the gradients of the last outputs, [B, A] and [B], to those of the parameters."""
-
-
-class Halves:
-    """Actor and critic of an `ActorCritic`, on the fast path."""
-
-    def __init__(self, network: ActorCritic) -> None:
-        self.parameters = Parameters(network)
-        depth = len(network.actor_hidden)
-        self._actor, self._critic = (Half(self.parameters, name, depth) for name in ("actor", "critic"))
-        n_actor = int(self.parameters.gradient("critic_hidden.0.weight").storage_offset())  # the actor's lie first
-        gradient = self.parameters.flat_gradient
-        self.parts: Sequence[Tensor] = (gradient[:n_actor], gradient[n_actor:])
-
-    def forward(self, x: SparseRows) -> tuple[Tensor, Tensor]:
-        return self._actor.forward(x), self._critic.forward(x).squeeze(-1)
-
-    def values(self, x: SparseRows) -> Tensor:
-        return self._critic.forward(x).squeeze(-1)
-
-    def backward(self, by_logits: Tensor, by_value: Tensor) -> None:
-        self._actor.backward(by_logits)
-        self._critic.backward(by_value.unsqueeze(-1))
-
-
-def policy_body(network: nn.Module, n_features: int) -> PolicyBody:
-    """A copy of a network to train: on the fast path if there is one for its class."""
-    return Halves(network) if isinstance(network, ActorCritic) else ModulePolicy(network, n_features)
 
 
 class PolicyNetwork:
@@ -90,16 +23,16 @@ class PolicyNetwork:
     def __init__(
         self, network: nn.Module, learning_rate: float, max_gradient_norm: float, n_features: int | None = None
     ) -> None:
-        """The parameters start as a copy of those of `network`: an `ActorCritic`, or any module with outputs like its.
+        """The parameters start as a copy of those of `network`, any module with outputs like those of an `ActorCritic`.
 
         Args:
-            network: on the fast path if it is an `ActorCritic`.
+            network: what to train.
             learning_rate: of Adam.
             max_gradient_norm: of actor and critic each, or of all if they share parameters.
             n_features: F; None: as the network says of itself.
         """
         self.n_features = int(network.n_features if n_features is None else n_features)  # type: ignore[arg-type]
-        self._body: PolicyBody = policy_body(network, self.n_features)
+        self._body = ModulePolicy(network, self.n_features)
         self._parameters = self._body.parameters
         self._limit = max_gradient_norm
         self._adam = Adam(self._parameters, learning_rate)

@@ -1,16 +1,15 @@
-"""The networks of action values for training: what `common.policy.networks` and `recurrent` define, with gradients.
+"""Networks of action values for training that have no update in compiled code (`fused`).
 
-An entry takes observations in, hidden layers follow, a head gives the action values. Any other module goes the plain
-path, see `modules`.
+The gradients of the recurrent one are written out; any other module goes the plain path, see `modules`.
 """
 
 from typing import Protocol
 
 from torch import Tensor, nn
 
-from common.policy.networks import QNetwork, dueling_values
+from common.policy.networks import dueling_values
 from common.policy.recurrent import RecurrentQNetwork
-from services.learner.network.layers import RELU, Linear, Perceptron, Stack
+from services.learner.network.layers import RELU, Linear, Stack
 from services.learner.network.lstm import Lstm
 from services.learner.network.modules import ModuleValues
 from services.learner.network.parameters import Parameters
@@ -30,45 +29,8 @@ class TrainedValues(Protocol):
 
 
 def value_network(network: nn.Module) -> TrainedValues:
-    """A copy of a network to train: on the fast path if there is one for its class."""
-    if isinstance(network, (QNetwork, RecurrentQNetwork)):
-        return ValueNetwork(network)
-    return ModuleValues(network)
-
-
-class Body(Protocol):
-    """Everything below the head."""
-
-    def forward(self, x: SparseRows) -> Tensor:
-        """Observations to [B, H]."""
-
-    def backward(self, gradient: Tensor) -> None:
-        """Of [B, H], overwritten."""
-
-
-class Head(Protocol):
-    """From the last hidden layer to action values."""
-
-    def forward(self, x: Tensor) -> Tensor:
-        """[B, H] to [B, A]."""
-
-    def backward(self, gradient: Tensor) -> Tensor:
-        """[B, A] to [B, H]."""
-
-
-class RecurrentBody:
-    """An LSTM, then hidden layers over its last state."""
-
-    def __init__(self, lstm: Lstm, hidden: Stack) -> None:
-        self._lstm, self._hidden = lstm, hidden
-
-    def forward(self, x: SparseRows) -> Tensor:
-        """[L, B, F] to [B, H]."""
-        return self._hidden.forward(self._lstm.forward(x))
-
-    def backward(self, gradient: Tensor) -> None:
-        """Of [B, H], overwritten."""
-        self._lstm.backward(self._hidden.backward(gradient))
+    """A copy of a network to train: by written-out gradients if they are known for its class, else by autograd."""
+    return RecurrentValues(network) if isinstance(network, RecurrentQNetwork) else ModuleValues(network)
 
 
 class DuelingHead:
@@ -87,26 +49,20 @@ class DuelingHead:
         return by_value.add_(self._advantage.backward(gradient - gradient.mean(-1, keepdim=True)))
 
 
-class ValueNetwork:
-    """A copy of a `QNetwork` or a `RecurrentQNetwork` to train."""
+class RecurrentValues:
+    """A copy of a `RecurrentQNetwork` to train: an LSTM, hidden layers over its last state, dueling heads."""
 
-    def __init__(self, network: nn.Module) -> None:
+    def __init__(self, network: RecurrentQNetwork) -> None:
         self.parameters = Parameters(network)
-        names = [name for name, _ in network.named_parameters()]
-        depth = sum(name.startswith("hidden.") for name in names) // 2
-        self._body: Body
-        if "lstm.weight_ih_l0" in names:
-            hidden = Stack([Linear(self.parameters, f"hidden.{layer}") for layer in range(depth)], RELU)
-            self._body = RecurrentBody(Lstm(self.parameters, "lstm"), hidden)
-        else:
-            self._body = Perceptron(self.parameters, "hidden", depth, RELU)
-        is_dueling = "value.weight" in names
-        self._head: Head = DuelingHead(self.parameters) if is_dueling else Linear(self.parameters, "q")
+        self._lstm = Lstm(self.parameters, "lstm")
+        layers = [Linear(self.parameters, f"hidden.{layer}") for layer in range(len(network.hidden))]
+        self._hidden = Stack(layers, RELU)
+        self._head = DuelingHead(self.parameters)
 
     def forward(self, x: SparseRows) -> Tensor:
-        """Action values [B, A] of observations [B, F], or of the last ones of sequences [L, B, F]."""
-        return self._head.forward(self._body.forward(x))
+        """Action values [B, A] of the last observations of sequences [L, B, F]."""
+        return self._head.forward(self._hidden.forward(self._lstm.forward(x)))
 
     def backward(self, gradient: Tensor) -> None:
         """From the gradient of a loss with respect to the last action values [B, A] to `parameters.flat_gradient`."""
-        self._body.backward(self._head.backward(gradient))
+        self._lstm.backward(self._hidden.backward(self._head.backward(gradient)))

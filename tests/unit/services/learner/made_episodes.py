@@ -152,10 +152,13 @@ def answer_to(lease, *, actor="a", steps=None, over=None, n_features=1, seen=Non
     return fragment_of(lease, course, actor)
 
 
-def printed_by_fresh_processes(program, offsets):
-    """What a test file prints as a program, once for each misalignment of its arrays."""
+OLD_PROCESSOR = {"NUMBA_CPU_NAME": "nehalem", "MKL_ENABLE_INSTRUCTIONS": "SSE4_2"}
+
+
+def printed_by_fresh_processes(program, offsets, **changes):
+    """What a test file prints as a program, once for each misalignment of its arrays, in a changed environment."""
     paths = os.pathsep.join(filter(None, sys.path))
-    environment = os.environ | {"MKL_CBWR": "AUTO,STRICT", "OMP_NUM_THREADS": "1", "PYTHONPATH": paths}
+    environment = os.environ | {"MKL_CBWR": "AUTO,STRICT", "OMP_NUM_THREADS": "1", "PYTHONPATH": paths} | changes
     results = [
         subprocess.run([*PYTHON, program, str(offset)], env=environment, capture_output=True, text=True, check=False)
         for offset in offsets

@@ -9,7 +9,8 @@ import torch
 from common.policy.networks import build_network, import_parameters
 from common.rules.settings import NetworkConfig
 from common.rules.values import DqnConfig
-from services.learner.algorithms.dqn import Dqn, double_q_target, error_gradient, q_target, soft_update
+from services.learner.algorithms.dqn import double_q_target, error_gradient, q_target, soft_update
+from services.learner.fused.dqn import FusedDqn
 from services.learner.training import Batch
 
 R_T = torch.tensor([-1.0, -2.0])
@@ -62,7 +63,7 @@ def make_dqn(*, double=False, target_tau=None):
         target_tau=target_tau,
         double=double,
     )
-    return Dqn(config, network)
+    return FusedDqn(config, network)
 
 
 def one_transition():

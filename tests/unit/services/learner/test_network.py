@@ -11,10 +11,10 @@ from common.policy.networks import build_network, linear_layer
 from common.policy.recurrent import build_recurrent_network
 from common.rules.settings import NetworkConfig
 from services.learner.network.adam import Adam
-from services.learner.network.layers import RELU, TANH, Perceptron
+from services.learner.network.layers import RELU
 from services.learner.network.parameters import LINE, Parameters
 from services.learner.network.sparse import sparse_rows
-from services.learner.network.values import ValueNetwork
+from services.learner.network.values import RecurrentValues
 
 F, A = 21, 3
 
@@ -31,22 +31,6 @@ def assert_same_gradients(parameters, network):
         torch.testing.assert_close(ours[name], parameter.grad, rtol=1e-4, atol=1e-6, msg=name)
 
 
-@pytest.mark.parametrize("kind", ["plain", "dueling"])
-@pytest.mark.parametrize("hidden", [(9,), (16, 7), (8, 8, 8)])
-def test_action_values_and_gradients_are_those_of_torch(kind, hidden):
-    network = build_network(NetworkConfig(kind=kind, hidden=hidden), F, A, seed=1)
-    ours = ValueNetwork(network)
-    ours.forward(sparse_rows(observations(3, seed=7)))  # whatever came before
-    for rows in (5, 8):
-        x, by_q = observations(rows), torch.randn(rows, A, generator=torch.Generator().manual_seed(2))
-        theirs = network(x)
-        torch.testing.assert_close(ours.forward(sparse_rows(x)), theirs.detach(), rtol=1e-5, atol=1e-6)
-        network.zero_grad()
-        theirs.backward(by_q)
-        ours.backward(by_q)
-        assert_same_gradients(ours.parameters, network)
-
-
 def run_each_from_its_start(network, x, starts):
     """The last action values [B, A] of sequences that begin at different steps."""
     return torch.cat([network(x[start:, [row]])[0][-1] for row, start in enumerate(starts)])
@@ -55,7 +39,7 @@ def run_each_from_its_start(network, x, starts):
 @pytest.mark.parametrize(("hidden", "length"), [((8, 7), 5), ((9,), 3), ((8, 8), 1)])
 def test_a_recurrent_network_and_its_gradients_are_those_of_torch(hidden, length):
     network = build_recurrent_network(NetworkConfig(kind="recurrent", hidden=hidden), F, A, seed=1)
-    ours = ValueNetwork(network)
+    ours = RecurrentValues(network)
     starts = [min(start, length - 1) for start in (0, 1, 2, 4)]
     x = observations(length, len(starts), density=0.6)
     for row, start in enumerate(starts):
@@ -69,20 +53,6 @@ def test_a_recurrent_network_and_its_gradients_are_those_of_torch(hidden, length
     assert_same_gradients(ours.parameters, network)
 
 
-def test_a_smooth_perceptron_and_its_gradients_are_those_of_torch():
-    layers = nn.ModuleList([linear_layer(F, 9), linear_layer(9, 4)])
-    for parameter in layers.parameters():
-        nn.init.normal_(parameter, generator=torch.Generator().manual_seed(3))
-    parameters = Parameters(nn.ModuleDict({"actor_hidden": layers}))
-    ours, x = Perceptron(parameters, "actor_hidden", 2, TANH), observations(6)
-    theirs = torch.tanh(layers[1](torch.tanh(layers[0](x))))
-    torch.testing.assert_close(ours.forward(sparse_rows(x)), theirs.detach(), rtol=1e-5, atol=1e-6)
-    gradient = torch.randn(theirs.shape, generator=torch.Generator().manual_seed(4))
-    theirs.backward(gradient)
-    ours.backward(gradient)
-    assert_same_gradients(parameters, nn.ModuleDict({"actor_hidden": layers}))
-
-
 @settings(deadline=None)
 @given(st.integers(0, 6), st.integers(1, 40), st.floats(0, 1), st.integers(0, 2**31))
 def test_sparse_rows_hold_what_is_not_zero(rows, columns, density, seed):
@@ -94,12 +64,6 @@ def test_sparse_rows_hold_what_is_not_zero(rows, columns, density, seed):
     for row, (first, last) in enumerate(zip(sparse.starts[:-1], sparse.starts[1:], strict=True)):
         assert sparse.columns[first:last].tolist() == np.flatnonzero(x[row]).tolist()
         assert sparse.values[first:last].tolist() == x[row][x[row] != 0].tolist()
-
-
-def test_what_is_not_a_number_is_seen():
-    x = torch.zeros(1, F)
-    x[0, 3] = torch.nan
-    assert ValueNetwork(build_network(NetworkConfig(hidden=(4,)), F, A, seed=1)).forward(sparse_rows(x)).isnan().all()
 
 
 def test_parameters_are_a_copy_in_aligned_views():

@@ -12,7 +12,7 @@ from common.rules.sil import SilConfig
 from services.learner.algorithms.ppo import Ppo
 from services.learner.algorithms.sil import Sil
 from services.learner.experience import Experience
-from services.learner.network.policies import PolicyNetwork
+from services.learner.fused.policy import FusedPolicy
 from services.learner.network.sparse import sparse_rows
 from services.learner.plain_policy import PlainPolicy
 
@@ -37,10 +37,10 @@ def batches(count, size=40, features=6, actions=3):
 @pytest.mark.parametrize("hidden", [(8,), (8, 5), (8, 5, 7)])
 def test_updates_are_those_of_plain_torch(hidden):
     network = build_actor_critic(NetworkConfig(kind="actor-critic", hidden=hidden), 6, 3, seed=1)
-    ours = PolicyNetwork(network, PPO.learning_rate, PPO.max_gradient_norm)
+    ours = FusedPolicy(network, PPO.learning_rate, PPO.max_gradient_norm)
     ppo, sil, plain = Ppo(PPO, ours), Sil(SIL, ours), PlainPolicy(network, PPO)
     for batch in batches(20):
-        told = ppo.update(sparse_rows(batch.observation_tm1), batch)
+        [told] = ppo.update(sparse_rows(batch.observation_tm1), batch)
         loss = told["policy_loss"] + 0.5 * told["value_loss"] - 0.1 * told["entropy"]
         assert plain.update(batch) == pytest.approx(loss, abs=1e-5)
         told, _ = sil.update(sparse_rows(batch.observation_tm1), batch)

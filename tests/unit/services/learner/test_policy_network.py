@@ -1,4 +1,4 @@
-"""The network of a policy beside autograd and Adam on the network of `common.policy`."""
+"""A policy that learns by a loss of its own beside autograd and Adam on the same network."""
 
 import numpy as np
 import pytest

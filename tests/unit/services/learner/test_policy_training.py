@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from made_episodes import at_offset, edited, make_episode, printed_by_fresh_processes
+from made_episodes import OLD_PROCESSOR, at_offset, edited, make_episode, printed_by_fresh_processes
 from test_training import weights_hash
 
 from common.rules import settings_of
@@ -174,9 +174,13 @@ def test_a_state_that_does_not_fit_is_refused(rule, change, message):
 
 
 def test_fresh_processes_agree_to_the_bit_at_any_alignment():
-    printed = printed_by_fresh_processes(__file__, (0, 4, 13))
+    printed = printed_by_fresh_processes(__file__, (4, 13))
     assert len(set(printed)) == 1
     assert len(printed[0].split()) == len(RULES)
+
+
+def test_a_processor_of_another_kind_gives_the_same_bits():
+    assert printed_by_fresh_processes(__file__, (0,), **OLD_PROCESSOR) == printed_by_fresh_processes(__file__, (0,))
 
 
 def train_briefly(offset):

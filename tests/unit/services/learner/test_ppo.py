@@ -19,7 +19,7 @@ from services.learner.algorithms.ppo import (
     standardised,
 )
 from services.learner.experience import Experience
-from services.learner.network.policies import PolicyNetwork
+from services.learner.fused.policy import FusedPolicy
 from services.learner.network.sparse import sparse_rows
 
 
@@ -83,7 +83,7 @@ def make_network(config):
     network = build_actor_critic(NetworkConfig(kind="actor-critic", hidden=(1,)), n_features=1, n_actions=2, seed=0)
     zeros = {name: np.zeros(tuple(tensor.shape), np.float32) for name, tensor in network.named_parameters()}
     import_parameters(network, zeros | {"critic.bias": np.array([-0.5], np.float32)})
-    return PolicyNetwork(network, config.learning_rate, config.max_gradient_norm)
+    return FusedPolicy(network, config.learning_rate, config.max_gradient_norm)
 
 
 def batch_of(actions, returns, values=None, log_probabilities=None):
@@ -99,7 +99,8 @@ def batch_of(actions, returns, values=None, log_probabilities=None):
 
 
 def update(config, network, batch):
-    return Ppo(config, network).update(sparse_rows(batch.observation_tm1), batch)
+    [metrics] = Ppo(config, network).update(sparse_rows(batch.observation_tm1), batch)
+    return metrics
 
 
 def test_an_update_by_hand():
@@ -143,6 +144,16 @@ def test_the_entropy_bonus_keeps_the_policy_undecided():
     sure = [math.log(1 / (1 + math.exp(-1)))]
     update(config, network, batch_of([0], [-0.5], log_probabilities=sure))  # no advantage
     np.testing.assert_allclose(network.weights()["actor.bias"], [0.9, 0.1], rtol=1e-4)
+
+
+def test_epochs_together_are_epochs_one_by_one():
+    config = PpoConfig(**SETTINGS)
+    together, apart = make_network(config), make_network(config)
+    batch = batch_of([0, 1], [-0.1, -0.7])
+    rows = Ppo(config, together).update(sparse_rows(batch.observation_tm1), batch, 3)
+    assert rows == [update(config, apart, batch) for _ in range(3)]
+    assert all(array.tobytes() == apart.state()[name].tobytes() for name, array in together.state().items())
+    assert together.steps == 3
 
 
 def test_diverging_is_an_error_and_changes_nothing():

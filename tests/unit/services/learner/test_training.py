@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_episodes import STEPS, at_offset, cut, decided, edited, make_episode, printed_by_fresh_processes
+from made_episodes import (
+    OLD_PROCESSOR,
+    STEPS,
+    at_offset,
+    cut,
+    decided,
+    edited,
+    make_episode,
+    printed_by_fresh_processes,
+)
 
 from common.rules import settings_of
 from services.learner.learning import Learning, build_trainer
@@ -205,6 +214,11 @@ def test_fresh_processes_agree_to_the_bit_at_any_alignment():
     assert len(printed[0].strip()) == 2 * 64
 
 
+def test_a_processor_of_another_kind_gives_the_same_bits_but_for_the_recurrent_network():
+    [there], [here] = (printed_by_fresh_processes(__file__, (0,), **changes) for changes in (OLD_PROCESSOR, {}))
+    assert there[:64] == here[:64]
+
+
 def train_briefly(variant, offset):
     """About 50 updates of the size of the real ones."""
     size = {"n_features": 252, "hidden": (128, 128), "batch_size": 150, "learn_every_steps": 4, "capacity": 5000}
@@ -220,5 +234,5 @@ if __name__ == "__main__":
     from common.policy.determinism import deterministic_torch
 
     deterministic_torch()
-    for name in ("dddqn", "drqn prioritized"):
+    for name in ("prioritized", "drqn prioritized"):
         sys.stdout.write(train_briefly(name, int(sys.argv[1])))

@@ -1,0 +1,61 @@
+"""Action values that are learned in compiled code."""
+
+import numpy as np
+
+from common.policy.networks import QNetwork
+from common.rules.values import DqnConfig
+from services.learner.fused.action_values import update
+from services.learner.fused.packed import Packed, Training
+from services.learner.network.sparse import sparse_rows
+from services.learner.training import Batch, Update
+
+METRICS = ("loss", "mean_q", "td_error", "gradient_norm")
+
+
+class FusedDqn(Training):
+    """Trains a copy of a `QNetwork` as `algorithms.dqn.Dqn` does."""
+
+    def __init__(self, config: DqnConfig, network: QNetwork) -> None:
+        self._config = config
+        self._n_actions, self._dueling = network.n_actions, network.dueling
+        hidden = [len(layer.get_parameter("bias")) for layer in network.hidden]
+        heads = {"value": 1, "advantage": network.n_actions} if network.dueling else {"q": network.n_actions}
+        stack = Packed(network.n_features, {"hidden": hidden}, heads)
+        super().__init__(network, [stack], has_target=config.target_tau is not None)
+        self._widths = stack.widths
+
+    def update(self, batch: Batch) -> Update:
+        """One step of Adam on the weighted mean squared error, then one of the target network; see `Dqn.update`.
+
+        Raises:
+            FloatingPointError: the loss is not finite; the network is as it was.
+        """
+        tm1, t = sparse_rows(batch.observation_tm1), sparse_rows(batch.observation_t)
+        error_sizes, metrics = np.empty(len(batch.action_tm1), np.float32), np.zeros(len(METRICS))
+        made = update(
+            self._widths,
+            self.arrays,
+            self.seen,
+            tm1.starts,
+            tm1.columns,
+            tm1.values,
+            t.starts,
+            t.columns,
+            t.values,
+            self._n_actions,
+            self._dueling,
+            self._config.double,
+            batch.action_tm1.numpy(),
+            batch.reward_t.numpy(),
+            batch.discount_t.numpy(),
+            batch.weights.numpy(),
+            self._config.learning_rate,
+            np.float32(self._config.target_tau or 0),
+            self.steps,
+            error_sizes,
+            metrics,
+        )
+        if not made:
+            raise FloatingPointError(f"the loss is {metrics[0]}: training has diverged, lower dqn.learning_rate")
+        self.steps += 1
+        return Update(error_sizes, dict(zip(METRICS, metrics.tolist(), strict=True)))

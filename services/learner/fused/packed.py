@@ -1,0 +1,124 @@
+"""Where a network's parameters lie in flat arrays of float32, and what training changes of them.
+
+Layer after layer, weights [in, out], then biases [out], every width filled up to a multiple of 16. What fills up is
+zero and stays so: it gets no gradient. The heads over the same hidden layers are one layer, side by side.
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from common.policy.networks import export_tensors, import_tensors
+from services.learner.fused.tile import WIDTH
+
+VALUES, GRADIENT, MEAN, SQUARE, TARGET = range(5)  # rows of `Training.arrays`
+
+
+class Packed:
+    """One stack of layers: hidden ones, `hidden`.0 and so on, and heads over the last."""
+
+    def __init__(self, n_features: int, hidden: Mapping[str, Sequence[int]], heads: Mapping[str, int]) -> None:
+        """`hidden` holds the widths by the layers' common name; `heads` their widths by theirs."""
+        [(self._name, widths)] = hidden.items()
+        self._real = (n_features, *widths)
+        self._heads = dict(heads)
+        filled = [-(-width // WIDTH) * WIDTH for width in (*widths, sum(heads.values()))]
+        self.widths = np.array([n_features, *filled], np.int64)
+        self.length = int(sum((n_in + 1) * n_out for n_in, n_out in itertools.pairwise(self.widths)))
+
+    def named(self, flat: NDArray[np.float32]) -> dict[str, Tensor]:
+        """Views of an array [length], with the names and shapes that the parameters have in the torch network."""
+        found: dict[str, Tensor] = {}
+        start = 0
+        for layer, (n_in, n_out) in enumerate(itertools.pairwise(self.widths)):
+            weight = flat[start : start + n_in * n_out].reshape(n_in, n_out)
+            bias = flat[start + n_in * n_out : start + (n_in + 1) * n_out]
+            start += int((n_in + 1) * n_out)
+            column = 0
+            for name, width in self._parts(layer).items():
+                part = weight[: self._real[layer], column : column + width].T
+                found[f"{name}.weight"] = torch.from_numpy(part)
+                found[f"{name}.bias"] = torch.from_numpy(bias[column : column + width])
+                column += width
+        return found
+
+    def _parts(self, layer: int) -> dict[str, int]:
+        """The names and widths of what lies side by side in a layer."""
+        if layer == len(self._real) - 1:
+            return self._heads
+        return {f"{self._name}.{layer}": self._real[layer + 1]}
+
+
+class Training:
+    """Stacks with all that training changes: parameters, gradients, Adam's moments, and perhaps a target network.
+
+    Attributes:
+        arrays: [4 or 5, P], all stacks' parameters one behind the other; see the constants above.
+        seen: [F], which inputs were ever other than zero. The weights of others have no moments.
+    """
+
+    def __init__(self, network: nn.Module, stacks: Sequence[Packed], *, has_target: bool = False) -> None:
+        """The parameters start as a copy of those of `network`; so does the target."""
+        self._stacks = stacks
+        self.arrays = np.zeros((4 + has_target, sum(stack.length for stack in stacks)), np.float32)
+        self.seen = np.zeros(int(stacks[0].widths[0]), np.bool_)
+        self._steps = np.zeros((), np.float32)
+        for row in (VALUES, TARGET)[: 1 + has_target]:
+            for name, view in self._named(row).items():
+                view.copy_(network.get_parameter(name).detach())
+
+    @property
+    def steps(self) -> int:
+        """Steps that Adam has made."""
+        return int(self._steps)
+
+    @steps.setter
+    def steps(self, steps: int) -> None:
+        self._steps[()] = steps
+
+    def weights(self) -> dict[str, NDArray[np.float32]]:
+        """A copy of the parameters, by their names in the torch network."""
+        return export_tensors(self._named(VALUES))
+
+    def state(self) -> dict[str, NDArray[np.float32]]:
+        """A copy of all that training changes: `network/*`, `target/*`, `steps`, `exp_avg/*` and `exp_avg_sq/*`."""
+        return export_tensors(self._tensors())
+
+    def restore(self, state: Mapping[str, NDArray[np.float32]]) -> None:
+        """Take on a `state`: all that follows is the same to the bit.
+
+        Raises:
+            ValueError: naming the tensor that does not fit; then nothing has changed.
+        """
+        import_tensors(self._tensors(), state)
+        self.arrays[GRADIENT] = 0
+        self.seen[:] = False
+        start = 0
+        for stack in self._stacks:
+            first = self.arrays[:, start : start + int(stack.widths[0] * stack.widths[1])]
+            by_input = first.reshape(len(self.arrays), len(self.seen), -1)
+            self.seen |= (by_input[[MEAN, SQUARE]] != 0).any((0, 2))
+            if len(self.arrays) > TARGET:
+                self.seen |= (by_input[TARGET] != by_input[VALUES]).any(1)
+            start += stack.length
+
+    def _named(self, row: int) -> dict[str, Tensor]:
+        found: dict[str, Tensor] = {}
+        start = 0
+        for stack in self._stacks:
+            found |= stack.named(self.arrays[row, start : start + stack.length])
+            start += stack.length
+        return found
+
+    def _tensors(self) -> dict[str, Tensor]:
+        networks = {"network": VALUES} | ({"target": TARGET} if len(self.arrays) > TARGET else {})
+        steps = {"steps": torch.from_numpy(self._steps)}
+        return self._by_part(networks) | steps | self._by_part({"exp_avg": MEAN, "exp_avg_sq": SQUARE})
+
+    def _by_part(self, rows: Mapping[str, int]) -> dict[str, Tensor]:
+        parts = {part: self._named(row) for part, row in rows.items()}
+        return {f"{part}/{name}": tensor for part, tensors in parts.items() for name, tensor in tensors.items()}

@@ -1,0 +1,91 @@
+"""An actor-critic that learns in compiled code."""
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from common.policy.actor_critic import ActorCritic
+from common.rules.policies import PpoConfig
+from services.learner.experience import Experience
+from services.learner.fused.actor_critic import evaluate, imitate, ppo
+from services.learner.fused.packed import Packed, Training
+from services.learner.network.sparse import SparseRows
+
+PPO_NUMBERS = 8  # of an update: what `policy_losses` names, the norm of all gradients, the loss
+IMITATION_NUMBERS = 6
+
+
+class FusedPolicy(Training):
+    """A copy of an `ActorCritic` to train with the updates of `algorithms.ppo` and `algorithms.sil`."""
+
+    def __init__(self, network: ActorCritic, learning_rate: float, max_gradient_norm: float) -> None:
+        """Gradients are clipped to `max_gradient_norm`, those of actor and critic each."""
+        self.n_features, self._n_actions = network.n_features, network.n_actions
+        hidden = [len(layer.get_parameter("bias")) for layer in network.actor_hidden]
+        heads = {"actor": network.n_actions, "critic": 1}
+        stacks = [Packed(self.n_features, {f"{part}_hidden": hidden}, {part: width}) for part, width in heads.items()]
+        super().__init__(network, stacks)
+        self._widths = np.stack([stack.widths for stack in stacks])
+        self._learning_rate, self._limit = learning_rate, max_gradient_norm
+
+    def values(self, x: SparseRows) -> Tensor:
+        """The values [B] of observations [B, F]."""
+        values = torch.zeros(x.n_rows)
+        evaluate(self._widths, self.arrays, x.starts, x.columns, x.values, values.numpy())
+        return values
+
+    def ppo(self, config: PpoConfig, x: SparseRows, batch: Experience, count: int) -> NDArray[np.float64]:
+        """Make `count` updates on a batch, or fewer: none is made whose loss is not finite, nor after it.
+
+        Returns:
+            [count, 8], the updates' numbers: as `policy_losses` names them, the norm of all gradients, the loss.
+        """
+        metrics = np.zeros((count, PPO_NUMBERS))
+        self.steps += ppo(
+            self._widths,
+            self.arrays,
+            self.seen,
+            x.starts,
+            x.columns,
+            x.values,
+            self._n_actions,
+            batch.action_tm1.numpy(),
+            batch.return_t.numpy(),
+            batch.log_probability_tm1.numpy(),
+            batch.value_tm1.numpy(),
+            config.clip,
+            config.value_weight,
+            config.entropy_weight,
+            self._limit,
+            self._learning_rate,
+            self.steps,
+            metrics,
+        )
+        return metrics
+
+    def imitate(self, value_weight: float, x: SparseRows, batch: Experience) -> tuple[NDArray[np.float64], Tensor]:
+        """Make an update of self-imitation, unless its loss is not finite.
+
+        Returns:
+            Its numbers [6]: as `policy_losses` names them, the norm of all gradients, the loss. And the gains [B].
+        """
+        metrics, gains = np.zeros(IMITATION_NUMBERS), torch.zeros(x.n_rows)
+        self.steps += imitate(
+            self._widths,
+            self.arrays,
+            self.seen,
+            x.starts,
+            x.columns,
+            x.values,
+            self._n_actions,
+            batch.action_tm1.numpy(),
+            batch.least_return_t.numpy(),
+            value_weight,
+            self._limit,
+            self._learning_rate,
+            self.steps,
+            gains.numpy(),
+            metrics,
+        )
+        return metrics, gains

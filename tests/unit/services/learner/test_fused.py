@@ -1,0 +1,282 @@
+"""Compiled updates against plain loops, torch's autograd in float64, the networks that act, and themselves."""
+
+import copy
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.policy.actor_critic import build_actor_critic
+from common.policy.arithmetic import tanh32
+from common.policy.compiled import Twin
+from common.policy.networks import build_network, export_parameters
+from common.policy.packing import Layout
+from common.rules.policies import PpoConfig
+from common.rules.settings import NetworkConfig
+from common.rules.sil import SilConfig
+from common.rules.values import DqnConfig
+from services.learner.algorithms.dqn import Dqn
+from services.learner.algorithms.ppo import Ppo
+from services.learner.algorithms.sil import Sil
+from services.learner.experience import Experience
+from services.learner.fused import perceptron, products
+from services.learner.fused.dqn import FusedDqn
+from services.learner.fused.packed import VALUES
+from services.learner.fused.policy import FusedPolicy
+from services.learner.network.adam import LEAST, move
+from services.learner.network.policies import PolicyNetwork
+from services.learner.network.sparse import sparse_rows
+from services.learner.plain_dqn import PlainDqn
+from services.learner.plain_policy import PlainPolicy
+from services.learner.training import Batch
+
+SHAPES = st.tuples(st.sampled_from([(8,), (16, 33), (5, 17, 9)]), st.integers(1, 20), st.integers(2, 19))
+ROOM = 6  # rows that a product may write
+
+
+def numbers(rng, *shape):
+    return rng.standard_normal(shape).astype(np.float32)
+
+
+def added_up(x, w, start):
+    """X w + start, in float32, one product after the other."""
+    total = np.broadcast_to(start, (len(x), w.shape[1])).astype(np.float32)
+    for k in range(len(w)):
+        total = total + x[:, k : k + 1] * w[k]
+    return total
+
+
+def in_room(matrix):
+    """A flat copy, of at least as many rows as products need."""
+    filled = np.zeros((max(ROOM, len(matrix)), matrix.shape[1]), np.float32)
+    filled[: len(matrix)] = matrix
+    return filled.reshape(-1)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(1, 30), st.integers(1, 3), st.integers(1, 3), st.integers(0, 2**31))
+def test_products_are_those_of_the_plain_loop_to_the_bit(rows, k, n, seed):
+    rng, n_in, n_out = np.random.default_rng(seed), 16 * k, 16 * n
+    x, w, by_out, bias = (numbers(rng, *shape) for shape in ((rows, n_in), (n_in, n_out), (rows, n_out), (n_out,)))
+    panel, nothing = np.empty(16 * 64, np.float32), np.zeros(16, np.float32)
+    out, by_x, by_w = (np.zeros((max(ROOM, r), c), np.float32) for r, c in ((rows, n_out), (rows, n_in), w.shape))
+    products.forward(in_room(x), rows, n_in, w.reshape(-1), bias, n_out, out.reshape(-1), panel)
+    assert out[:rows].tobytes() == added_up(x, w, bias).tobytes()
+    products.input_gradient(in_room(by_out), rows, n_out, w.reshape(-1), n_in, by_x.reshape(-1), panel, nothing)
+    assert by_x[:rows].tobytes() == added_up(by_out, np.ascontiguousarray(w.T), 0).tobytes()
+    products.weight_gradient(in_room(x), rows, n_in, in_room(by_out), n_out, by_w.reshape(-1), panel, nothing)
+    assert by_w.tobytes() == added_up(np.ascontiguousarray(x.T), by_out, 0).tobytes()
+
+
+def test_tanh_is_exact_to_rounding_near_zero_too():
+    sizes = np.concatenate([np.geomspace(1e-30, 20, 2000), [0, 1e30, np.inf]]).astype(np.float32)
+    got = np.array([tanh32(x) for x in sizes])
+    np.testing.assert_allclose(got, np.tanh(sizes.astype(np.float64)), rtol=4e-7)
+    assert [tanh32(-x) for x in sizes] == (-got).tolist()
+    assert np.isnan(tanh32(np.float32(np.nan)))
+
+
+def observations(rng, rows, n_features):
+    return torch.tensor(numbers(rng, rows, n_features) * (rng.random((rows, n_features)) < 0.4), dtype=torch.float32)
+
+
+def experience(rng, rows, n_features, n_actions):
+    return Experience(
+        observation_tm1=observations(rng, rows, n_features),
+        action_tm1=torch.tensor(rng.integers(n_actions, size=rows)),
+        return_t=torch.tensor(-rng.random(rows, np.float32)),
+        least_return_t=torch.tensor(-rng.random(rows, np.float32)),
+        log_probability_tm1=torch.tensor(-np.log(n_actions) - 0.2 + 0.4 * rng.random(rows, np.float32)),
+        value_tm1=torch.tensor(-rng.random(rows, np.float32)),
+    )
+
+
+def transitions(rng, rows, n_features, n_actions):
+    return Batch(
+        observation_tm1=observations(rng, rows, n_features),
+        action_tm1=torch.tensor(rng.integers(n_actions, size=rows)),
+        reward_t=torch.tensor(-rng.random(rows, np.float32)),
+        discount_t=torch.tensor(rng.choice([0, 0.9], rows).astype(np.float32)),
+        observation_t=observations(rng, rows, n_features),
+        weights=torch.tensor(rng.random(rows, np.float32)),
+    )
+
+
+def in_float64(batch):
+    return type(batch)(*(column.double() if column.is_floating_point() else column for column in batch))
+
+
+def actor_critic(hidden, n_features, n_actions):
+    network = build_actor_critic(NetworkConfig(kind="actor-critic", hidden=hidden), n_features, n_actions, seed=1)
+    with torch.no_grad():  # heads as large as anything else, so that every gradient is
+        network.actor.weight.mul_(100)
+    return network
+
+
+def assert_gradients_of_first_step(state, network):
+    """Adam's mean is then a tenth of the gradient, which torch has left in the network."""
+    expected = {name: parameter.grad.numpy() for name, parameter in network.named_parameters()}
+    scale = max(np.abs(gradient).max() for gradient in expected.values())
+    for name, gradient in expected.items():
+        np.testing.assert_allclose(10 * state[f"exp_avg/{name}"], gradient, rtol=0, atol=1e-5 * scale, err_msg=name)
+
+
+def assert_same_weights(weights, network):
+    """But for one in a hundred: where a gradient is as good as zero, Adam makes a step of its rounding."""
+    expected = export_parameters(network)
+    differences = np.concatenate([np.abs(weights[name] - array).reshape(-1) for name, array in expected.items()])
+    scale = max(np.abs(array).max() for array in expected.values())
+    assert np.quantile(differences, 0.99) < 1e-6 * scale
+    assert differences.max() < 1e-3 * scale
+
+
+@settings(deadline=None, max_examples=25)
+@given(SHAPES, st.integers(4, 40), st.sampled_from([0.05, 1e9]), st.integers(0, 2**31))
+def test_ppo_has_the_gradients_of_autograd(shape, rows, limit, seed):
+    config = PpoConfig(learning_rate=1e-3, epochs=1, entropy_weight=0.1, max_gradient_norm=limit)
+    network, batch = actor_critic(*shape), experience(np.random.default_rng(seed), rows, *shape[1:])
+    ours, plain = FusedPolicy(network, 1e-3, limit), PlainPolicy(copy.deepcopy(network).double(), config)
+    Ppo(config, ours).update(sparse_rows(batch.observation_tm1), batch)
+    plain.update(in_float64(batch))
+    assert_gradients_of_first_step(ours.state(), plain._network)
+
+
+@settings(deadline=None, max_examples=25)
+@given(SHAPES, st.integers(1, 40), st.integers(0, 2**31))
+def test_imitation_has_the_gradients_of_autograd(shape, rows, seed):
+    config, sil = PpoConfig(learning_rate=1e-3, epochs=1), SilConfig(epochs=1, batch_size=rows, value_weight=0.5)
+    network, batch = actor_critic(*shape), experience(np.random.default_rng(seed), rows, *shape[1:])
+    ours, plain = FusedPolicy(network, 1e-3, 0.5), PlainPolicy(copy.deepcopy(network).double(), config)
+    Sil(sil, ours).update(sparse_rows(batch.observation_tm1), batch)
+    plain.imitate(in_float64(batch), sil)
+    assert_gradients_of_first_step(ours.state(), plain._network)
+
+
+@settings(deadline=None, max_examples=25)
+@given(SHAPES, st.sampled_from(["plain", "dueling"]), st.integers(1, 40), st.integers(0, 2**31))
+def test_action_values_have_the_gradients_of_autograd(shape, kind, rows, seed):
+    hidden, n_features, n_actions = shape
+    config = DqnConfig(learning_rate=1e-3, batch_size=rows, learn_every_steps=1, target_tau=0.1)
+    network = build_network(NetworkConfig(kind=kind, hidden=hidden), n_features, n_actions, seed=1)
+    batch = transitions(np.random.default_rng(seed), rows, n_features, n_actions)
+    ours, plain = FusedDqn(config, network), PlainDqn(config, copy.deepcopy(network).double())
+    ours.update(batch)
+    plain.update(in_float64(batch))
+    assert_gradients_of_first_step(ours.state(), plain._network)
+
+
+def test_ten_epochs_end_where_torch_does():
+    config, shape = PpoConfig(learning_rate=5e-4, epochs=10), ((128, 128), 252, 5)
+    network, batch = actor_critic(*shape), experience(np.random.default_rng(1), 85, 252, 5)
+    ours, plain = FusedPolicy(network, 5e-4, 0.5), PlainPolicy(copy.deepcopy(network).double(), config)
+    Ppo(config, ours).update(sparse_rows(batch.observation_tm1), batch, 10)
+    for _ in range(10):
+        plain.update(in_float64(batch))
+    assert_same_weights(ours.weights(), plain._network)
+
+
+@pytest.mark.parametrize("kind", ["plain", "dueling"])
+def test_ten_updates_of_action_values_end_where_torch_does(kind):
+    config = DqnConfig(learning_rate=3e-4, batch_size=150, learn_every_steps=1, target_tau=0.05)
+    network, rng = build_network(NetworkConfig(kind=kind, hidden=(128, 128)), 252, 5, seed=1), np.random.default_rng(1)
+    ours, plain = FusedDqn(config, network), PlainDqn(config, copy.deepcopy(network).double())
+    for _ in range(10):
+        batch = transitions(rng, 150, 252, 5)
+        ours.update(batch)
+        plain.update(in_float64(batch))
+    assert_same_weights(ours.weights(), plain._network)
+
+
+@pytest.mark.parametrize("hidden", [(8,), (16, 33), (5, 17, 9)])
+def test_actors_and_learners_compute_the_same_bits(hidden):
+    network, x = actor_critic(hidden, 20, 5), observations(np.random.default_rng(1), 9, 20)
+    ours, twin = FusedPolicy(network, 1e-3, 0.5), Twin(Layout("actor-critic", 20, 5, hidden))
+    twin.load(ours.weights())
+    acted, rows = twin.outputs(x.numpy()), sparse_rows(x)
+    assert ours.values(rows).numpy().tobytes() == acted[:, 5].tobytes()
+    widths, room = ours._widths[0], perceptron.room_for(ours._widths[0], 9)
+    perceptron.outputs(widths, ours.arrays[VALUES], rows[1:], 9, True, room)
+    logits = room.outs[perceptron.head(widths, 9) :].reshape(9, -1)[:, :5]
+    assert logits.tobytes() == acted[:, :5].tobytes()
+
+
+def states_of(learners):
+    return [[array.tobytes() for array in learner.state().values()] for learner in learners]
+
+
+@pytest.mark.parametrize("switches", [{}, {"target_tau": 0.1}, {"target_tau": 0.1, "double": True}])
+def test_inputs_that_were_never_seen_are_left_out_without_a_difference(switches):
+    config = DqnConfig(learning_rate=3e-4, batch_size=20, learn_every_steps=1, **switches)
+    network, rng = build_network(NetworkConfig(kind="dueling", hidden=(16, 8)), 30, 5, seed=1), np.random.default_rng(1)
+    left_out, all_in = FusedDqn(config, network), FusedDqn(config, network)
+    all_in.seen[:] = True
+    for _ in range(5):
+        batch = transitions(rng, 20, 30, 5)
+        batch.observation_tm1[:, ::2] = 0
+        left_out.update(batch)
+        all_in.update(batch)
+    assert left_out.seen.tolist() == [False, True] * 15
+    first, second = states_of([left_out, all_in])
+    assert first == second
+
+
+@pytest.mark.parametrize("switches", [{}, {"target_tau": 0.1}])
+def test_a_restored_learner_has_seen_what_the_first_had(switches):
+    config = DqnConfig(learning_rate=3e-4, batch_size=20, learn_every_steps=1, **switches)
+    network, rng = build_network(NetworkConfig(hidden=(16, 8)), 30, 5, seed=1), np.random.default_rng(1)
+    straight, restored = FusedDqn(config, network), FusedDqn(config, network)
+    restored.update(transitions(rng, 20, 30, 5))  # whatever it has learned before
+    batch = transitions(rng, 20, 30, 5)
+    batch.observation_tm1[:, ::2] = 0
+    straight.update(batch)
+    restored.restore(straight.state())
+    assert restored.seen.tolist() == straight.seen.tolist()
+    for learner in (straight, restored):
+        learner.update(batch)
+    first, second = states_of([straight, restored])
+    assert first == second
+
+
+def test_what_is_not_a_number_is_an_error_and_changes_nothing():
+    network = build_network(NetworkConfig(hidden=(4,)), 6, 3, seed=1)
+    dqn = FusedDqn(DqnConfig(learning_rate=0.1, batch_size=1, learn_every_steps=1), network)
+    batch = transitions(np.random.default_rng(1), 2, 6, 3)
+    batch.observation_tm1[0, 3] = torch.nan
+    [before] = states_of([dqn])
+    with pytest.raises(FloatingPointError, match="the loss is nan"):
+        dqn.update(batch)
+    assert states_of([dqn]) == [before]
+
+
+def test_moments_fade_to_zero():
+    values, mean, square = np.zeros(1, np.float32), np.full(1, LEAST), np.full(1, LEAST)
+    scalars = np.float32(1), np.float32(0.1), np.float32(1)
+    move(values, np.zeros(1, np.float32), mean, square, *scalars)
+    assert mean == square == values == 0
+
+
+def assert_each_takes_the_state_of_the_other(first, second):
+    for learner, other in ((first, second), (second, first)):
+        other.restore(learner.state())
+        assert list(other.state()) == list(learner.state())
+        for name, array in learner.state().items():
+            np.testing.assert_array_equal(other.state()[name], array, err_msg=name)
+
+
+@pytest.mark.parametrize("kind", ["plain", "dueling"])
+def test_states_of_action_values_are_those_of_the_updates_by_autograd(kind):
+    config = DqnConfig(learning_rate=3e-4, batch_size=20, learn_every_steps=1, target_tau=0.1)
+    network, rng = build_network(NetworkConfig(kind=kind, hidden=(16, 8)), 30, 5, seed=1), np.random.default_rng(1)
+    fused, plain = FusedDqn(config, network), Dqn(config, network)
+    fused.update(transitions(rng, 20, 30, 5))
+    assert_each_takes_the_state_of_the_other(fused, plain)
+
+
+def test_states_of_policies_are_those_of_the_updates_by_autograd():
+    rng = np.random.default_rng(1)
+    network = actor_critic((16, 8), 30, 5)
+    policy, batch = FusedPolicy(network, 1e-3, 0.5), experience(rng, 20, 30, 5)
+    Ppo(PpoConfig(learning_rate=1e-3, epochs=1), policy).update(sparse_rows(batch.observation_tm1), batch)
+    assert_each_takes_the_state_of_the_other(policy, PolicyNetwork(network, 1e-3, 0.5))
