@@ -3,6 +3,7 @@
 import logging
 import time
 
+from common.board import Board
 from common.bus import Question
 from common.checkpoint import Tensors
 from common.inbox import Inbox
@@ -47,6 +48,7 @@ class Learner:
         self._weights: dict[int, Weights] = {}
         snapshot = self._archive.resume()
         fragments = [] if snapshot is None else self._restore(snapshot)
+        self._board = Board(context.folder.board_file, self._settled, self._kept_versions)
         self._account = Account(self._archive.rows, time.monotonic())
         self._desk: Desk[LeaseQuestion] = Desk(
             Schedule.of(self._config),
@@ -84,6 +86,8 @@ class Learner:
 
     def open(self) -> None:
         """Publish what there is, and listen."""
+        for version, weights in self._weights.items():
+            self._board.put(version, weights.tensors)
         self._publish_weights()
         bus, into = self._context.bus, self._inbox.into
         bus.watch_alive(keys.ALL_ALIVE, into(self._on_alive))
@@ -112,6 +116,7 @@ class Learner:
 
     def close(self) -> None:
         """Close the files."""
+        self._board.close()
         self._archive.close()
         self._telemetry.close()
 
@@ -204,8 +209,13 @@ class Learner:
         version = self._desk.ledger.version
         weights = Weights(version=version, tensors=self._trainer.weights())
         self._weights[version] = weights
-        self._weights.pop(version - self._config.lag - 2, None)
-        self._context.bus.publish(keys.WEIGHTS, weights)
+        self._weights.pop(version - self._kept_versions, None)
+        self._board.put(version, weights.tensors)
+
+    @property
+    def _kept_versions(self) -> int:
+        """How many of the weights: those that leases name, and one more for an actor that is late."""
+        return self._config.lag + 2
 
     def _give(self) -> None:
         self._send(self._desk.give(time.monotonic(), paused=self._paused))
