@@ -56,6 +56,7 @@ class Learner:
             Start(self._archive.snapshot, self._archive.version, self._account.steps, fragments),
         )
         self._telemetry = Telemetry(context.folder, self._archive.snapshot)
+        self._ended: OpenEpisode | None = None  # trained, but its row and files are still due
         self._inbox = Inbox()
         self._paused = context.folder.paused_file.exists()
 
@@ -109,8 +110,10 @@ class Learner:
             if fragment is None:
                 break
             self._train(fragment)
-            self._give()
             self._inbox.take()
+            self._give()
+            self._end_episode()
+            self._beat()
         self._give()
         self._beat()
 
@@ -161,6 +164,7 @@ class Learner:
         question.answer(EpisodeRows(rows=rows[first : first + HISTORY_CHUNK], total=len(rows)))
 
     def _on_command(self, question: Question[LearnerCommand, CommandAnswer]) -> None:
+        self._end_episode()  # a snapshot counts on its row
         verb, trained = question.request.verb, self._desk.ledger.trained
         if verb == "pause":
             self._context.folder.paused_file.touch()
@@ -186,12 +190,15 @@ class Learner:
         with self._telemetry.publishing():
             self._publish_weights()
         self._telemetry.note(metrics)
-        if episode is None:
-            self._beat()
-        else:
-            self._end_episode(episode)
+        self._ended = episode
 
-    def _end_episode(self, episode: OpenEpisode) -> None:
+    def _end_episode(self) -> None:
+        """Write what is due of an episode that is over; actors have their leases by then, and act meanwhile."""
+        if self._ended is not None:
+            episode, self._ended = self._ended, None
+            self._record(episode)
+
+    def _record(self, episode: OpenEpisode) -> None:
         ledger = self._desk.ledger
         self._settled = self._weights[ledger.version].tensors
         row = row_of(episode, time.time())
