@@ -46,6 +46,10 @@ class RunFolder:
         return self.path / "snapshots"
 
     @property
+    def board_file(self) -> Path:
+        return self.path / "weights.board"
+
+    @property
     def logs(self) -> Path:
         return self.path / "logs"
 

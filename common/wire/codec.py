@@ -27,7 +27,7 @@ MAX_MESSAGE_BYTES = 300_000_000
 MAX_ARRAY_BYTES = 4_000_000_000  # of one array in memory: a message of zeros is a thirtieth of what it unpacks to
 ARRAY_TYPE, SPARSE_TYPE = 1, 2
 SPARSE_FROM = 64  # numbers; what is smaller is not worth a second look
-ARRAY_DTYPES = frozenset({"|i1", "<i4", "<i8", "<f4", "<f8"})
+ARRAY_DTYPES = {name: np.dtype(name) for name in ("|i1", "<i4", "<i8", "<f4", "<f8")}
 
 
 class Refused(ValueError):  # noqa: N818  (a verdict, not a failure of ours)
@@ -50,7 +50,7 @@ def encode(record: Record) -> bytes:
     Raises:
         ValueError: the message is larger than any receiver would take.
     """
-    body = Packer(default=_pack_array).pack(record.model_dump(by_alias=True))
+    body = Packer(default=_plain).pack(record)
     if len(body) > MAX_MESSAGE_BYTES:
         raise ValueError(f"a {type(record).__name__} of {len(body)} bytes exceeds the limit of {MAX_MESSAGE_BYTES}")
     return bytes(body)
@@ -90,18 +90,30 @@ def unpack(body: bytes) -> Any:
     return unpackb(body, ext_hook=_unpack_array, strict_map_key=True)
 
 
+def _plain(value: Any) -> Any:
+    """What msgpack does not know, as what it does: a record is the mapping of its fields."""
+    if isinstance(value, Record):
+        values = value.__dict__
+        return {alias: values[name] for name, alias in value.names().items()}
+    return _pack_array(value)
+
+
 def _pack_array(value: Any) -> ExtType:
     if not isinstance(value, np.ndarray):
         raise TypeError(f"cannot send a {type(value).__name__}")
-    little = np.ascontiguousarray(value).astype(value.dtype.newbyteorder("<"), copy=False).reshape(value.shape)
-    if little.dtype.str not in ARRAY_DTYPES:
-        raise TypeError(f"cannot send an array of {value.dtype}")
-    if little.dtype.str == "<f4" and little.size >= SPARSE_FROM:
-        used = little.reshape(-1).view(np.uint32) != 0
-        if 2 * np.count_nonzero(used) < little.size:
-            numbers = little.reshape(-1)[used].tobytes()
-            return ExtType(SPARSE_TYPE, Packer().pack([list(value.shape), np.packbits(used).tobytes(), numbers]))
-    return ExtType(ARRAY_TYPE, Packer().pack([little.dtype.str, list(value.shape), little.tobytes()]))
+    dtype = value.dtype.str
+    if dtype not in ARRAY_DTYPES:
+        value = value.astype(value.dtype.newbyteorder("<"))
+        dtype = value.dtype.str
+        if dtype not in ARRAY_DTYPES:
+            raise TypeError(f"cannot send an array of {value.dtype}")
+    if dtype == "<f4" and value.size >= SPARSE_FROM:
+        numbers = np.ascontiguousarray(value).reshape(-1).view(np.uint32)
+        used = numbers != 0
+        if 2 * np.count_nonzero(used) < value.size:
+            parts = [value.shape, np.packbits(used).tobytes(), numbers[used].tobytes()]
+            return ExtType(SPARSE_TYPE, Packer().pack(parts))
+    return ExtType(ARRAY_TYPE, Packer().pack([dtype, value.shape, value.tobytes()]))
 
 
 def _unpack_array(code: int, data: bytes) -> NDArray[Any]:
@@ -112,10 +124,11 @@ def _unpack_array(code: int, data: bytes) -> NDArray[Any]:
     dtype, shape, raw = unpackb(data)
     if dtype not in ARRAY_DTYPES:
         raise Refused(f"array dtype {dtype!r:.40} is not taken")
+    known = ARRAY_DTYPES[dtype]
     _check_shape(shape)
-    if len(raw) != math.prod(shape) * np.dtype(dtype).itemsize:
+    if type(raw) is not bytes or len(raw) != math.prod(shape) * known.itemsize:
         raise Refused(f"array of shape {tuple(shape)} and dtype {dtype} has {len(raw)} bytes")
-    return np.frombuffer(raw, dtype).reshape(shape).copy()
+    return np.ndarray(shape, known, bytearray(raw))
 
 
 def _unpack_sparse(data: bytes) -> NDArray[np.float32]:
@@ -136,5 +149,8 @@ def _unpack_sparse(data: bytes) -> NDArray[np.float32]:
 
 
 def _check_shape(shape: Any) -> None:
-    if not all(type(size) is int and 0 <= size < 2**31 for size in shape) or len(shape) > 8:
+    for size in shape:
+        if type(size) is not int or not 0 <= size < 2**31:
+            raise Refused(f"array shape {shape!r:.80} is not taken")
+    if type(shape) is not list or len(shape) > 8:
         raise Refused(f"array shape {shape!r:.80} is not taken")

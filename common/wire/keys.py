@@ -28,7 +28,6 @@ class Service(Generic[A, B]):
 
 
 FRAGMENTS = Topic("fragments", acting.Fragment)
-WEIGHTS = Topic("weights", acting.Weights)
 EPISODE_ROWS = Topic("rows/episodes", rows.EpisodeRow)
 EVALUATION_ROWS = Topic("rows/evaluations", rows.EvaluationRow)
 CHECKPOINTS = Topic("checkpoints", checkpoints.CheckpointNotice)

@@ -1,11 +1,11 @@
 """An actor's loop: ask for a lease, act it, publish the fragment, keep it until the learner has it in a snapshot."""
 
 import logging
-import threading
 import time
 
 import numpy as np
 
+from common.board import BoardReader, Tensors
 from common.bus import NoAnswer
 from common.levels.supply import supply_of
 from common.policy.leased import LeasePlayer
@@ -17,7 +17,6 @@ from common.records.acting import (
     Lease,
     LeaseAnswer,
     LeaseRequest,
-    Weights,
     WeightsRequest,
 )
 from common.records.heartbeats import ActorReport
@@ -26,35 +25,11 @@ from common.wire import keys
 log = logging.getLogger(__name__)
 
 ASK_TIMEOUT_S = 10.0
-PUSH_PATIENCE_S = 0.2  # pushed weights are usually here before the lease that names them
 RETRY_S = 0.2
 
 
 class Stopped(Exception):  # noqa: N818  (not an error)
     """Somebody asked the actor to stop in the middle of an episode."""
-
-
-class Shelf:
-    """The newest pushed weights, by version."""
-
-    def __init__(self, kept: int) -> None:
-        self._kept = kept
-        self._weights: dict[int, Weights] = {}
-        self._changed = threading.Condition()
-
-    def put(self, weights: Weights) -> None:
-        """Take weights in, on any thread."""
-        with self._changed:
-            self._weights[weights.version] = weights
-            for old in sorted(self._weights)[: -self._kept]:
-                del self._weights[old]
-            self._changed.notify_all()
-
-    def get(self, version: int, patience_s: float) -> Weights | None:
-        """The weights of a version, waiting for them a moment."""
-        with self._changed:
-            self._changed.wait_for(lambda: version in self._weights, patience_s)
-            return self._weights.get(version)
 
 
 class Actor:
@@ -64,7 +39,7 @@ class Actor:
         self._context = context
         self._serves = serves
         self._kept: dict[tuple[int, int], Fragment] = {}  # by episode and fragment
-        self._shelf = Shelf(context.config.lag + 2)
+        self._board = BoardReader(context.folder.board_file)
         levels = supply_of(context.config.world.levels, context.folder.path)
         self._network = chooser_of(context.config)
         self._player = LeasePlayer(context.config, levels, self._network, self._on_step)
@@ -75,7 +50,6 @@ class Actor:
 
     def run(self) -> None:
         """Serve until asked to stop."""
-        self._context.bus.subscribe(keys.WEIGHTS, self._shelf.put)
         while not self._context.stopping.asked:
             self._beat("waiting for work")
             answer = self._ask()
@@ -130,16 +104,17 @@ class Actor:
 
     def _load(self, version: int) -> bool:
         if self._loaded != version:
-            weights = self._shelf.get(version, PUSH_PATIENCE_S) or self._pull(version)
-            if weights is None:
+            tensors = self._board.get(version) or self._pull(version)
+            if tensors is None:
                 return False
-            self._network.load(weights.tensors)
+            self._network.load(tensors)
             self._loaded = version
         return True
 
-    def _pull(self, version: int) -> Weights | None:
+    def _pull(self, version: int) -> Tensors | None:
+        """From the learner itself: an actor on another machine does not see the board."""
         try:
-            return self._context.bus.ask(keys.PULL_WEIGHTS, WeightsRequest(version=version), ASK_TIMEOUT_S)
+            return self._context.bus.ask(keys.PULL_WEIGHTS, WeightsRequest(version=version), ASK_TIMEOUT_S).tensors
         except NoAnswer as reason:
             log.warning("no weights %d: %s", version, reason)
             return None

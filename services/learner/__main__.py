@@ -1,6 +1,7 @@
 """python -m services.learner --run FOLDER."""
 
 import argparse
+from contextlib import closing
 from pathlib import Path
 
 from common.folder import RunFolder
@@ -16,7 +17,8 @@ def main() -> None:
         from services.learner.service import Learner
 
         deterministic_torch()
-        Learner(context).run()
+        with closing(Learner(context)) as learner:
+            learner.run()
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import logging
 import time
 
+from common.board import Board
 from common.bus import Question
 from common.checkpoint import Tensors
 from common.inbox import Inbox
@@ -47,6 +48,7 @@ class Learner:
         self._weights: dict[int, Weights] = {}
         snapshot = self._archive.resume()
         fragments = [] if snapshot is None else self._restore(snapshot)
+        self._board = Board(context.folder.board_file, self._settled, self._kept_versions)
         self._account = Account(self._archive.rows, time.monotonic())
         self._desk: Desk[LeaseQuestion] = Desk(
             Schedule.of(self._config),
@@ -54,6 +56,7 @@ class Learner:
             Start(self._archive.snapshot, self._archive.version, self._account.steps, fragments),
         )
         self._telemetry = Telemetry(context.folder, self._archive.snapshot)
+        self._ended: OpenEpisode | None = None  # trained, but its row and files are still due
         self._inbox = Inbox()
         self._paused = context.folder.paused_file.exists()
 
@@ -84,6 +87,8 @@ class Learner:
 
     def open(self) -> None:
         """Publish what there is, and listen."""
+        for version, weights in self._weights.items():
+            self._board.put(version, weights.tensors)
         self._publish_weights()
         bus, into = self._context.bus, self._inbox.into
         bus.watch_alive(keys.ALL_ALIVE, into(self._on_alive))
@@ -105,13 +110,16 @@ class Learner:
             if fragment is None:
                 break
             self._train(fragment)
-            self._give()
             self._inbox.take()
+            self._give()
+            self._end_episode()
+            self._beat()
         self._give()
         self._beat()
 
     def close(self) -> None:
         """Close the files."""
+        self._board.close()
         self._archive.close()
         self._telemetry.close()
 
@@ -156,6 +164,7 @@ class Learner:
         question.answer(EpisodeRows(rows=rows[first : first + HISTORY_CHUNK], total=len(rows)))
 
     def _on_command(self, question: Question[LearnerCommand, CommandAnswer]) -> None:
+        self._end_episode()  # a snapshot counts on its row
         verb, trained = question.request.verb, self._desk.ledger.trained
         if verb == "pause":
             self._context.folder.paused_file.touch()
@@ -181,12 +190,15 @@ class Learner:
         with self._telemetry.publishing():
             self._publish_weights()
         self._telemetry.note(metrics)
-        if episode is None:
-            self._beat()
-        else:
-            self._end_episode(episode)
+        self._ended = episode
 
-    def _end_episode(self, episode: OpenEpisode) -> None:
+    def _end_episode(self) -> None:
+        """Write what is due of an episode that is over; actors have their leases by then, and act meanwhile."""
+        if self._ended is not None:
+            episode, self._ended = self._ended, None
+            self._record(episode)
+
+    def _record(self, episode: OpenEpisode) -> None:
         ledger = self._desk.ledger
         self._settled = self._weights[ledger.version].tensors
         row = row_of(episode, time.time())
@@ -204,8 +216,13 @@ class Learner:
         version = self._desk.ledger.version
         weights = Weights(version=version, tensors=self._trainer.weights())
         self._weights[version] = weights
-        self._weights.pop(version - self._config.lag - 2, None)
-        self._context.bus.publish(keys.WEIGHTS, weights)
+        self._weights.pop(version - self._kept_versions, None)
+        self._board.put(version, weights.tensors)
+
+    @property
+    def _kept_versions(self) -> int:
+        """How many of the weights: those that leases name, and one more for an actor that is late."""
+        return self._config.lag + 2
 
     def _give(self) -> None:
         self._send(self._desk.give(time.monotonic(), paused=self._paused))

@@ -31,7 +31,6 @@ def test_the_channels_of_a_run_are_these():
         "pull/weights",
         "rows/episodes",
         "rows/evaluations",
-        "weights",
     ]
 
 

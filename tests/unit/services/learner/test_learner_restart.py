@@ -293,3 +293,43 @@ def test_a_snapshot_within_an_episode_goes_on_with_its_next_fragment(tmp_path):
     for name, tensor in weights.tensors.items():
         assert after.weights(6).tensors[name].tobytes() == tensor.tobytes()
     after.learner.close()
+
+
+class Witness(Question):
+    """A question that remembers how many rows there were when it was answered."""
+
+    def __init__(self, request, cluster):
+        super().__init__(request)
+        self.cluster = cluster
+        self.rows = None
+
+    def answer(self, record):
+        super().answer(record)
+        self.rows = len(self.cluster.rows())
+
+
+@pytest.mark.parametrize(
+    ("service", "request_", "rows"),
+    [
+        (keys.COMMAND_LEARNER, LearnerCommand(verb="checkpoint"), 1),  # its snapshot counts on the row
+        (keys.LEASE, LeaseRequest(actor="one", incarnation="one", serves="any", kept=np.zeros((0, 2), np.int64)), 0),
+    ],
+)
+def test_of_what_is_asked_while_an_episode_ends_only_a_lease_goes_out_before_its_row(
+    tmp_path, monkeypatch, service, request_, rows
+):
+    cluster = Cluster(RunFolder(tmp_path), config(0))
+    cluster.come("one")
+    fragment, question = acted(cluster.lease("one")), Witness(request_, cluster)
+    train = cluster.learner._trainer.train
+
+    def ask_meanwhile(fragment):
+        cluster.wire.served[service](question)
+        return train(fragment)
+
+    monkeypatch.setattr(cluster.learner._trainer, "train", ask_meanwhile)
+    cluster.bring(fragment)
+    assert question.answered is not None
+    assert question.rows == rows
+    assert len(cluster.rows()) == 1
+    cluster.learner.close()
