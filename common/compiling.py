@@ -2,87 +2,88 @@
 
 Numba keeps compiled code on disk, and makes it anew when the function's own file has changed; it does not see that a
 constant or a function from another file went into it. Here every file of ours that the file imports counts, directly or
-through others.
+through others. And of processes that start at the same time one compiles a function; the others wait, then load it.
 """
 
-import ast
-import hashlib
-from collections.abc import Callable, Iterator
-from functools import cache
+import fcntl
+import inspect
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numba
-from numba.core import caching
+from numba.core import caching, event
 
-ROOT = Path(__file__).resolve().parents[1]
-
-
-@cache
-def _imports(path: Path) -> tuple[Path, ...]:
-    """The files of ours that a file imports, wherever in it."""
-    names: list[str] = []
-    for node in ast.walk(ast.parse(path.read_bytes())):
-        if isinstance(node, ast.Import):
-            names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-    return tuple(file for name in dict.fromkeys(names) for file in _files(name, beside=path.parent))
+from common.compile_signs import compiling
+from common.sources import digest
 
 
-def _files(module: str, beside: Path) -> Iterator[Path]:
-    """Where a module may lie: below the root, or beside who imports it."""
-    for folder in dict.fromkeys((ROOT, beside)):
-        place = folder.joinpath(*module.split("."))
-        yield from (file for file in (place.with_suffix(".py"), place / "__init__.py") if file.is_file())
+class KernelCache(caching.FunctionCache):
+    """The compiled forms of one function on disk.
+
+    Numba asks for a form, and hands it in when it has compiled what was not there. In between this process holds the
+    function's lock. A function waits for those that it calls, never the other way round, so nobody waits for ever.
+    """
+
+    def __init__(self, function: Callable[..., object]) -> None:
+        super().__init__(function)
+        self._name = function.__name__
+        self._compiles: list[ExitStack] = []  # one inside the other if the function calls itself
+        folder, base = Path(self.cache_path), self._impl.filename_base
+        self._lock_file = folder / f"{base}.lock"
+        source = Path(inspect.getfile(function)).resolve()
+        stamp = digest(source, memo=folder / f"{source.stem}.sources.json")
+        self._cache_file = caching.IndexDataCacheFile(self.cache_path, base, stamp)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The compiled form for a signature; None: there is none, and it is this process's to make it."""
+        found = super().load_overload(sig, target_context)
+        if found is None:
+            with ExitStack() as begun:
+                begun.enter_context(compiling(self._name))
+                if not self._compiles:
+                    lock(begun.enter_context(self._lock_file.open("w")))
+                    found = super().load_overload(sig, target_context)
+                if found is None:
+                    self._compiles.append(begun.pop_all())
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Take in what has been compiled."""
+        try:
+            super().save_overload(sig, data)
+        finally:
+            self.end_compiling()
+
+    def end_compiling(self) -> None:
+        """Let others go on."""
+        self._compiles.pop().close()
 
 
-@cache
-def _digest(path: Path) -> bytes:
-    """Of a file, and of all that it imports of ours."""
-    found = {path}
-    waiting = [path]
-    while waiting:
-        fresh = set(_imports(waiting.pop())) - found
-        found |= fresh
-        waiting += fresh
-    state = hashlib.blake2b(digest_size=16)
-    for file in sorted(found):
-        state.update(f"{file}/{file.stat().st_size}/".encode())
-        state.update(file.read_bytes())
-    return state.digest()
+def lock(file: IO[str]) -> None:
+    """Wait until no other process holds the file's lock; it lasts until the file is closed, or this process ends."""
+    fcntl.flock(file, fcntl.LOCK_EX)
 
 
-class _StampedByImports:
-    """The part of a locator that says when compiled code is stale."""
+class _Failures(event.Listener):
+    """Hears of functions that cannot be compiled, which are handed in nowhere."""
 
-    _py_file: str
+    def on_start(self, event: Any) -> None: ...
 
-    def get_source_stamp(self) -> bytes:
-        return _digest(Path(self._py_file).resolve())
-
-
-class GivenLocator(_StampedByImports, caching.UserProvidedCacheLocator):
-    """Where NUMBA_CACHE_DIR says."""
-
-
-class InTreeLocator(_StampedByImports, caching.InTreeCacheLocator):
-    """Beside the source."""
+    def on_end(self, event: Any) -> None:
+        cache = event.data["dispatcher"]._cache  # noqa: SLF001  (numba has no other way to it)
+        failed = event._exc_details is not None  # noqa: SLF001  (numba 0.68's `is_failed` says the opposite)
+        if failed and isinstance(cache, KernelCache):
+            cache.end_compiling()
 
 
-class UserWideLocator(_StampedByImports, caching.UserWideCacheLocator):
-    """In the user's cache, where sources cannot be written beside."""
-
-
-_LOCATORS = ",".join(f"{__name__}.{locator.__name__}" for locator in (GivenLocator, InTreeLocator, UserWideLocator))
+event.register("numba:compile", _Failures())
 
 
 def compiled(function: Callable[..., object], *, counts_references: bool) -> Any:
     """What numba makes of a function."""
-    config: Any = numba.config
     njit: Any = numba.njit  # whose types leave out the option that turns the counting off
-    before, config.CACHE_LOCATOR_CLASSES = config.CACHE_LOCATOR_CLASSES, _LOCATORS
-    try:
-        return njit(cache=True, error_model="numpy", _nrt=counts_references)(function)
-    finally:
-        config.CACHE_LOCATOR_CLASSES = before
+    dispatcher = njit(error_model="numpy", _nrt=counts_references)(function)
+    dispatcher._cache = KernelCache(function)  # noqa: SLF001  (as `enable_caching` does with numba's own)
+    return dispatcher

@@ -5,13 +5,15 @@ import logging
 import os
 import signal
 import sys
+import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
 from common.bus import Bus, open_bus
+from common.compile_signs import COMPILING, around_compiling
 from common.config import RunConfig
 from common.folder import RunFolder
 from common.locks import RunsAlreadyError, sole
@@ -27,6 +29,7 @@ STARTING = "starting"  # the state before the heavy imports, which take seconds 
 EXIT_FATAL = 3  # starting this process again cannot help: its supervisor stops the run and shows the last line
 EXIT_RUNS_ALREADY = 4  # another process has the name: its supervisor looks after that one instead
 STRETCH_S = 0.05
+COMPILE_PATIENCE_S = 600.0  # a function that takes longer to compile, with all that it calls, hangs
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # of what the disk says to a write: a restart would meet it again
 
 
@@ -53,22 +56,45 @@ class Stopping:
 
 
 class HeartbeatPublisher:
-    """Publishes a sign of life, at most one a second, from the process's own loop."""
+    """Publishes a sign of life, at most one a second, from the process's own loop, or for it while that compiles."""
 
     def __init__(self, bus: Bus, name: str, role: Role) -> None:
         self._bus = bus
         self._name = name
         self._role = role
         self._next = 0.0
+        self._last_report: Report | None = None
 
     def beat(self, state: str, report: Callable[[], Report | None] = lambda: None, *, now: bool = False) -> None:
         """Say what this process does; `now` also when the last beat was just before."""
         if not now and time.monotonic() < self._next:
             return
+        self._last_report = report()
+        self._publish(state)
+
+    @contextmanager
+    def while_compiling(self, _function: str) -> Iterator[None]:
+        """Beat from a thread: the loop stands still while its process compiles."""
+        ended = threading.Event()
+
+        def beats() -> None:
+            deadline = time.monotonic() + COMPILE_PATIENCE_S
+            while not ended.wait(max(0.0, self._next - time.monotonic())) and time.monotonic() < deadline:
+                self._publish(COMPILING)
+
+        thread = threading.Thread(target=beats, name="beats while compiling", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
+
+    def _publish(self, state: str) -> None:
         self._next = time.monotonic() + HEARTBEAT_EVERY_S
         self._bus.publish(
             HEARTBEATS,
-            Heartbeat(process=self._name, role=self._role, pid=os.getpid(), state=state, report=report()),
+            Heartbeat(process=self._name, role=self._role, pid=os.getpid(), state=state, report=self._last_report),
         )
 
 
@@ -103,9 +129,11 @@ def join(folder: RunFolder, name: str, role: Role, stopping: Stopping) -> Iterat
     config = folder.config()
     endpoint, namespace = folder.endpoint_and_namespace()
     incarnation = uuid.uuid4().hex[:16]
-    with open_bus(endpoint, namespace) as bus:
+    with ExitStack() as stack:
+        bus = stack.enter_context(open_bus(endpoint, namespace))
         bus.declare_alive(Alive(role, name, incarnation))
         heartbeat = HeartbeatPublisher(bus, name, role)
+        stack.enter_context(around_compiling(heartbeat.while_compiling))
         heartbeat.beat(STARTING)
         log.info("%s started as process %d", name, os.getpid())
         try:

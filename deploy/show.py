@@ -10,6 +10,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Column, Table
 from rich.text import Text
 
+from common.compile_signs import COMPILING
 from common.records.control import Status
 from common.records.rows import EpisodeRow, EvaluationRow
 
@@ -41,7 +42,7 @@ def view(status: Status, evaluations: Sequence[EvaluationRow]) -> RenderableType
 def _progress(status: Status) -> RenderableType:
     progress = status.progress
     if progress is None:
-        return Text(status.state)
+        return Text(starting_line(status))
     grid = Table.grid(padding=(0, 2))
     bar = ProgressBar(total=status.episodes, completed=progress.done, width=40)
     left = f"{duration(status.time_left_s)} left" if status.time_left_s else ""
@@ -64,7 +65,7 @@ def progress_line(status: Status) -> str:
     """The live view in one line, for logs and pipes."""
     progress = status.progress
     if progress is None:
-        return f"{status.state} ..."
+        return starting_line(status)
     left = f"  {duration(status.time_left_s)} left" if status.time_left_s else ""
     alive = sum(process.pid is not None for process in status.processes)
     return (
@@ -72,6 +73,12 @@ def progress_line(status: Status) -> str:
         f"{progress.episodes_per_s:.1f} ep/s  {progress.evaluations}/{progress.evaluations_due} evaluations  "
         f"{alive} processes{left}"
     )
+
+
+def starting_line(status: Status) -> str:
+    """What a run does before it has progress to show."""
+    compile_now = [process.process for process in status.processes if process.state == COMPILING]
+    return f"{', '.join(compile_now)}: {COMPILING} ..." if compile_now else f"{status.state} ..."
 
 
 def named_table(*headings: str) -> Table:

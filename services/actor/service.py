@@ -71,10 +71,15 @@ class Actor:
             kept=np.array(sorted(self._kept), np.int64).reshape(-1, 2),
         )
         try:
-            return self._context.bus.ask(keys.LEASE, request, ASK_TIMEOUT_S, lambda: self._context.stopping.asked)
+            return self._context.bus.ask(keys.LEASE, request, ASK_TIMEOUT_S, self._stops_waiting)
         except NoAnswer as reason:
             log.debug("no lease: %s", reason)
             return None
+
+    def _stops_waiting(self) -> bool:
+        """Looked at while it waits for an answer, which takes long when the learner compiles."""
+        self._beat("waiting for work")
+        return self._context.stopping.asked
 
     def _settle(self, answer: LeaseAnswer) -> None:
         for unit in [unit for unit in self._kept if unit[0] < answer.safe_before]:

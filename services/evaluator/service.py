@@ -120,6 +120,8 @@ class Evaluator:
         return sampled(player, self._network, self._config.seed)
 
     def _stops(self) -> bool:
+        """Looked at while it waits for an answer, which takes long when the learner compiles."""
+        self._beat("waiting for checkpoints")
         return self._context.stopping.asked
 
     def _on_step(self) -> None:

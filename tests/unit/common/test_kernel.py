@@ -1,5 +1,6 @@
-"""Compiled code is kept, and made anew when anything has changed that it is made of."""
+"""Compiled code is kept, made anew when anything has changed that it is made of, and made by one process alone."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -9,10 +10,11 @@ import numba
 import numpy as np
 import pytest
 
-from common import compiling as compiling_module
+from common import compile_signs, compiling, sources
 from common import kernel as kernel_module
 from common.interpreter import PYTHON
-from common.kernel import bare_kernel, kernel
+from common.kernel import bare_kernel
+from common.sources import ROOT
 
 ONE = "from common.kernel import kernel\n\n\n@kernel\ndef one() -> int:\n    return 1\n"
 TWO = ONE.replace("def one() -> int:\n    return 1", "def two() -> int:\n    return one() + 1").replace(
@@ -29,8 +31,9 @@ def run_in(root: Path) -> list[str]:
 def test_code_follows_a_function_of_another_file(tmp_path: Path):
     tiny = tmp_path / "common" / "tiny"
     tiny.mkdir(parents=True)
-    for module in (kernel_module, compiling_module):
+    for module in (kernel_module, compiling, compile_signs, sources):
         shutil.copy(module.__file__, tmp_path / "common")
+    (tmp_path / "common" / "__init__.py").touch()
     other = tmp_path / "other"
     other.mkdir()
     (tiny / "one.py").write_text(ONE)
@@ -58,12 +61,6 @@ def _ones(count: int) -> np.ndarray:
     return np.ones(count)
 
 
-def test_numbas_own_setting_is_put_back(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(numba.config, "CACHE_LOCATOR_CLASSES", "InTreeCacheLocator")
-    assert kernel(_sum_of)(np.ones(2)) == 2
-    assert numba.config.CACHE_LOCATOR_CLASSES == "InTreeCacheLocator"
-
-
 LIGHT = """
 import sys
 from common.rail.compiled.paths import count_bits
@@ -74,3 +71,80 @@ print(count_bits.py_func(5), "numba" in sys.modules, count_bits(5), "numba" in s
 def test_numba_is_imported_only_for_what_is_called():
     said = subprocess.run([*PYTHON, "-c", LIGHT], capture_output=True, text=True, check=True).stdout
     assert said.split() == ["2", "False", "2", "True"]
+
+
+def test_what_cannot_be_compiled_keeps_nobody_waiting(tmp_path: Path):
+    (tmp_path / "typed.py").write_text(
+        "from common.kernel import kernel\n\n\n@kernel\ndef plus_one(of):\n    return of + 1\n"
+    )
+    script = (
+        "import pytest, numba\nfrom typed import plus_one\nwith pytest.raises(numba.core.errors.NumbaError):\n"
+        "    plus_one('one')\nprint('fails', flush=True)\ninput()"
+    )
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    with subprocess.Popen(
+        [*PYTHON, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+    ) as failing:
+        assert failing.stdout.readline() == "fails\n"
+        other = subprocess.run(
+            [*PYTHON, "-c", "from typed import plus_one; print(plus_one(1))"],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=60,
+        )
+        assert other.stdout == "2\n"
+        failing.communicate("\n")
+
+
+COMPILE = """
+import sys, time
+from contextlib import contextmanager
+from common.compile_signs import around_compiling
+from slow import slow
+
+@contextmanager
+def around(function):
+    print("begins", function, flush=True)
+    yield
+    print("ends", flush=True)
+
+with around_compiling(around):
+    print("says", slow(2.0), len(slow.stats.cache_hits), flush=True)
+"""
+
+
+def test_of_two_processes_one_compiles_and_the_other_waits_and_loads(tmp_path: Path):
+    """The lock is this test's own at first, so that both have to wait for it, and neither is quicker."""
+    (tmp_path / "slow.py").write_text(
+        "from common.kernel import kernel\n\n\n@kernel\ndef slow(of: float) -> float:\n    return of * 2\n"
+    )
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    cache = tmp_path / "__pycache__"
+    cache.mkdir()
+    held = (cache / "slow.slow-4.py311.lock").open("w")
+    compiling.lock(held)
+    both = [
+        subprocess.Popen([*PYTHON, "-c", COMPILE], stdout=subprocess.PIPE, text=True, env=environment) for _ in range(2)
+    ]
+    for process in both:
+        assert process.stdout.readline() == "begins slow\n"
+    held.close()
+    said = sorted(process.communicate(timeout=60)[0].splitlines() for process in both)
+    assert said == [["ends", "says 4.0 0"], ["ends", "says 4.0 1"]]
+    assert all(process.returncode == 0 for process in both)
+
+
+def test_only_what_is_not_compiled_counts_as_compiling(tmp_path: Path):
+    (tmp_path / "slow.py").write_text(
+        "from common.kernel import kernel\n\n\n@kernel\ndef slow(of: float) -> float:\n    return of * 2\n"
+    )
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    said = [
+        subprocess.run(
+            [*PYTHON, "-c", COMPILE], capture_output=True, text=True, check=True, env=environment
+        ).stdout.splitlines()
+        for _ in range(2)
+    ]
+    assert said == [["begins slow", "ends", "says 4.0 0"], ["says 4.0 1"]]

@@ -5,6 +5,7 @@ import logging
 import os
 import signal
 import subprocess
+import threading
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -13,6 +14,7 @@ import yaml
 
 from common import process
 from common.bus import NoAnswer, open_bus, open_router
+from common.compile_signs import COMPILING, around_compiling, compiling
 from common.config import parse_config
 from common.folder import RunFolder
 from common.interpreter import PYTHON
@@ -139,6 +141,37 @@ def test_a_heart_beats_at_most_once_a_second_unless_it_must(monkeypatch):
         ("finished", None),
     ]
     assert {(beat.process, beat.role, beat.pid) for beat in wire.published} == {("actor-easy-0", "actor", os.getpid())}
+
+
+class Published(SimpleQueue):
+    """Hands on what is published to who waits for it."""
+
+    def publish(self, _topic, record):
+        self.put(record)
+
+
+def test_a_heart_beats_while_its_process_compiles(monkeypatch):
+    monkeypatch.setattr(process, "HEARTBEAT_EVERY_S", 0.01)
+    published, report = Published(), ActorReport(acted=3, kept=1)
+    heartbeat = HeartbeatPublisher(published, "actor-easy-0", "actor")
+    with around_compiling(heartbeat.while_compiling):
+        heartbeat.beat("acting", lambda: report, now=True)
+        with compiling("outer"), compiling("inner"):
+            beats = [published.get(timeout=PATIENCE_S) for _ in range(4)]
+        compiled = published.qsize()
+    assert [(beat.state, beat.report) for beat in beats] == [("acting", report), *[(COMPILING, report)] * 3]
+    assert not any("compiling" in thread.name for thread in threading.enumerate())
+    assert published.qsize() == compiled
+    with compiling("another"):
+        assert not any("compiling" in thread.name for thread in threading.enumerate())  # nobody asked for it any more
+
+
+def test_a_heart_stops_when_compiling_hangs(monkeypatch):
+    monkeypatch.setattr(process, "COMPILE_PATIENCE_S", 0.0)
+    published = Published()
+    with HeartbeatPublisher(published, "actor-easy-0", "actor").while_compiling("endless"):
+        pass
+    assert published.empty()
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from collections import Counter
 import pytest
 from rich.console import Console
 
+from common.compile_signs import COMPILING
 from common.records.control import ProcessStatus, Progress, Status
 from common.records.rows import EpisodeRow, EvaluationRow
 from deploy.show import (
@@ -125,6 +126,13 @@ def test_one_line_says_how_far_a_run_is():
     )
     assert progress_line(status(time_left_s=None)).endswith("1 processes")
     assert progress_line(status(state="starting", progress=None)) == "starting ..."
+
+
+def test_compiling_is_said_before_there_is_progress():
+    compiles = [process("learner", state=COMPILING), process("actor-easy-0", state="waiting for work")]
+    starting = status(state="starting", progress=None, processes=compiles)
+    assert progress_line(starting) == "learner: compiling, the first time only ..."
+    assert "learner: compiling, the first time only ..." in rendered(view(starting, []))
 
 
 def test_the_live_view_says_it_all():
