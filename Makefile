@@ -5,18 +5,20 @@ BIN := $(VENV)/bin
 # One thread a process for numerics, and arithmetic that does not depend on memory alignment.
 TEST_ENVIRONMENT := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 MKL_CBWR=AUTO,STRICT
 
+PACKAGES := adapters analysis common deploy services tools
+# All that runs and evaluations need, so that no first start takes a minute longer than others.
+COMPILERS := common.policy.compile services.learner.compile services.evaluator.references.compile
+
 .PHONY: install demo check test parity browser sb3 soak clean
 
 install: $(VENV)/installed
 
 $(VENV)/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --no-compile --constraint constraints.txt torch==2.13.0
-	$(BIN)/pip install --quiet --no-compile --constraint constraints.txt --editable '.[dev]'
-	$(BIN)/python -m common.policy.compile
-	$(BIN)/python -m services.learner.compile
-	for policy in shortest-path deadlock-avoidance planner; do \
-		$(BIN)/railctl evaluate $$policy --level easy --episodes 1 > /dev/null || exit; done
+	$(BIN)/pip install --quiet --constraint constraints.txt torch==2.13.0
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/python -m compileall -q $(PACKAGES)
+	for compiler in $(COMPILERS); do $(BIN)/python -m $$compiler > /dev/null || exit; done
 	touch $@
 
 # Learns more often than the study does, so that the curve rises within 300 episodes.
@@ -42,7 +44,7 @@ browser: install
 
 # Adds stable-baselines3 and SuperSuit to .venv; trains for a minute or two.
 sb3: install
-	$(BIN)/pip install --quiet --no-compile --constraint constraints.txt --editable '.[sb3]'
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[sb3]'
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m sb3 tests/unit/adapters
 	$(TEST_ENVIRONMENT) $(BIN)/python examples/train_sb3.py
 

@@ -8,9 +8,11 @@ import json
 import logging
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, NoReturn
 
+from common.compile_signs import COMPILING, around_compiling
 from common.strict import ConfigError
 
 FAILED, WRONG_USAGE = 1, 2
@@ -49,11 +51,26 @@ class Teller:
         return (now - since) / (done - first) * (total - done)
 
 
+class CompileTeller:
+    """Says which function is being compiled, by number; how many there will be, nobody knows."""
+
+    def __init__(self) -> None:
+        self._done = 0
+
+    @contextmanager
+    def around(self, _function: str) -> Iterator[None]:
+        """A function is being compiled."""
+        self._done += 1
+        say({"progress": {"of": COMPILING, "done": self._done, "total": None, "seconds_left": None}})
+        yield
+
+
 def carry_out(work: Callable[[], None], *failures: type[Exception]) -> None:
     """Do the work of this process; `failures` are the errors whose text is the whole story."""
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(message)s")
     try:
-        work()
+        with around_compiling(CompileTeller().around):
+            work()
     except ConfigError as error:
         _end(str(error), WRONG_USAGE)
     except failures as error:

@@ -113,11 +113,14 @@ class _Shower:
     def __exit__(self, *_exception: object) -> None:
         self._bar.stop()
 
-    def show(self, of: str, done: int, total: int, seconds_left: float | None) -> None:
-        left = time_left(seconds_left) if done < total else ""
+    def show(self, of: str, done: int, total: int | None, seconds_left: float | None) -> None:
+        left = time_left(seconds_left) if done != total else ""
+        if total is None:
+            self._bar.reset(self._task, total=None)  # a total that was known before would stay
         self._bar.update(self._task, description=of, completed=done, total=total, left=left)
         if not self._console.is_terminal and (time.monotonic() > self._next_line or done == total):
-            self._console.print(f"{of}: {done} of {total} {left}".rstrip(), markup=False)
+            count = f"function {done}" if total is None else f"{done} of {total}"
+            self._console.print(f"{of}: {count} {left}".rstrip(), markup=False)
             self._next_line = time.monotonic() + LINE_EVERY_S
 
 

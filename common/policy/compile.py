@@ -13,6 +13,7 @@ from common.policy.networks import build_network, export_parameters
 from common.policy.player import Acting, compiled_world, network_layout, play
 from common.policy.rollout import Rollouts
 from common.rules.settings import NetworkConfig
+from common.task import carry_out
 from common.world import WorldSpec
 
 
@@ -33,4 +34,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

@@ -4,37 +4,50 @@ import importlib.metadata
 import os
 import platform
 import shutil
-import subprocess
 import sys
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
+from typing import Annotated
 
+import typer
 from rich.console import Console
-from rich.status import Status
 from rich.table import Table
 
 from common.bus import NoAnswer, open_bus, open_router
-from common.interpreter import run_module
 from common.records.control import CommandAnswer, Empty
 from common.task import FAILED
 from common.wire.keys import Service
 from deploy.launch import LOOPBACK, free_port
 from deploy.output import AsJson, console, one_line_errors, say
-from deploy.plan import ENVIRONMENT
 from deploy.runs import Failed, runs_root
+from deploy.task import run_task
 
 GIB = 2**30
 NEEDED_MEMORY_GIB = 3.0
 NEEDED_DISK_GIB = 1.0
+COMPILERS = {
+    "the world and what acts in it": "common.policy.compile",
+    "what learns": "services.learner.compile",
+    "the reference policies": "services.evaluator.references.compile",
+}
 ECHO = Service("doctor", Empty, CommandAnswer)
 
 
 @one_line_errors
-def doctor(as_json: AsJson = False) -> None:
+def doctor(
+    compile_ahead: Annotated[
+        bool, typer.Option("--compile", help="Before that, compile all that runs and evaluations need.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
     """Check this machine: Python, packages, cores, memory, disk, Zenoh, and arithmetic that repeats."""
-    with Console(stderr=True).status("") as doing:  # nothing where there is no terminal
-        rows = [_run(check, doing) for check in (_python, _packages, _cores, _memory, _disk, _zenoh, _arithmetic)]
+    complaints = Console(stderr=True, highlight=False)
+    if compile_ahead:
+        for what, compiler in COMPILERS.items():
+            complaints.print(f"compiles {what}, unless it is there")
+            run_task(compiler)
+    with complaints.status("") as doing:  # nothing where there is no terminal
+        rows = [_run(check, doing.update) for check in (_python, _packages, _cores, _memory, _disk, _zenoh)]
+    rows.append(_run(_arithmetic, lambda _text: None))  # it has progress of its own
     ok = all(row["ok"] for row in rows)
     if as_json:
         say("", {"ok": ok, "checks": rows}, as_json=True)
@@ -47,9 +60,9 @@ def doctor(as_json: AsJson = False) -> None:
         sys.exit(FAILED)
 
 
-def _run(check: Callable[[], str], doing: Status) -> dict[str, str | bool]:
+def _run(check: Callable[[], str], tell: Callable[[str], None]) -> dict[str, str | bool]:
     name = check.__name__.removeprefix("_")
-    doing.update(f"checks {name}")
+    tell(f"checks {name}")
     try:
         return {"check": name, "ok": True, "found": check()}
     except Failed as error:
@@ -115,21 +128,7 @@ def _zenoh() -> str:
 
 def _arithmetic() -> str:
     """Two fresh processes must end in the same network, bit for bit."""
-    with tempfile.TemporaryDirectory() as scratch:
-        runs = [
-            subprocess.run(
-                run_module("services.learner.selfcheck"),
-                capture_output=True,
-                text=True,
-                check=False,
-                cwd=Path(scratch),
-                env=os.environ | ENVIRONMENT,
-            )
-            for _ in range(2)
-        ]
-    for run in runs:
-        if run.returncode:
-            raise Failed(f"the learner does not run: {(run.stderr.splitlines() or ['no reason given'])[-1]}")
-    if runs[0].stdout != runs[1].stdout:
+    digests = [run_task("services.learner.selfcheck")["digest"] for _ in range(2)]
+    if digests[0] != digests[1]:
         raise Failed("the same updates ended in two different networks: resumed runs will not be exact here")
-    return f"repeats bit for bit ({runs[0].stdout.strip()[:12]})"
+    return f"repeats bit for bit ({digests[0][:12]})"

@@ -5,6 +5,7 @@ The machine code is kept beside the sources, or in the user's cache where those 
 
 from common.rules import settings_of
 from common.rules.settings import RuleSettings
+from common.task import carry_out
 from services.learner.learning import Learning, build_trainer
 from services.learner.selfcheck import N_FEATURES, made_up_episode
 
@@ -41,4 +42,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

@@ -1,7 +1,7 @@
-"""python -m services.learner.selfcheck: some updates on made-up episodes; prints a digest of the network they end in.
+"""python -m services.learner.selfcheck: some updates on made-up episodes; says a digest of the network they end in.
 
-Run in two fresh processes, the digests agree if this machine's arithmetic repeats. Buffers are shifted by a random
-number of bytes, since alignment is what makes unprepared arithmetic differ.
+How it says it: see `common.task`. Run in two fresh processes, the digests agree if this machine's arithmetic repeats.
+Buffers are shifted by a random number of bytes, since alignment is what makes unprepared arithmetic differ.
 """
 
 import hashlib
@@ -15,6 +15,7 @@ from common.records.course import Course, Decisions
 from common.rules.dqn import QNetworkConfig, Settings
 from common.rules.replay import PrioritizedReplay
 from common.rules.values import DqnConfig
+from common.task import Teller, carry_out, say
 from services.learner.learning import Learning, build_trainer
 
 N_FEATURES, N_ACTIONS, TRAINS, STEPS, EPISODES = 252, 5, 3, 60, 6
@@ -60,7 +61,8 @@ def made_up_episode(number: int) -> Fragment:
     return Fragment(lease=lease, course=course, circumstances=circumstances)
 
 
-def main() -> None:
+def check() -> None:
+    """Train, and say what came of it."""
     deterministic_torch()
     settings = Settings(
         network=QNetworkConfig(kind="dueling"),
@@ -69,13 +71,15 @@ def main() -> None:
     )
     learning = Learning(1, EPISODES, settings, N_FEATURES, N_ACTIONS)
     trainer = build_trainer("dqn", learning)
+    teller = Teller("arithmetic")
     for number in range(EPISODES):
         trainer.train(made_up_episode(number))
+        teller.tell(number + 1, EPISODES)
     state = hashlib.blake2b(digest_size=16)
     for name, array in sorted(trainer.weights().items()):
         state.update(name.encode() + array.tobytes())
-    print(state.hexdigest())  # noqa: T201  (its caller compares it)
+    say({"digest": state.hexdigest()})
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(check)

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from common import task
+from common.compile_signs import compiling
 from common.strict import ConfigError
 from common.task import Teller, carry_out
 
@@ -57,3 +58,17 @@ def test_what_goes_wrong_is_one_line_and_an_exit_code(caplog, error, code, text)
 def test_errors_that_nobody_expected_are_not_hidden():
     with pytest.raises(IndexError):
         carry_out(failing(IndexError("oh")), KeyError)
+
+
+def test_compiling_is_told_as_it_goes_on(capsys):
+    def work():
+        for function in ("step", "look"):
+            with compiling(function):
+                pass
+
+    carry_out(work)
+    told = [json.loads(line)["progress"] for line in capsys.readouterr().out.splitlines()]
+    assert [(progress["of"], progress["done"], progress["total"]) for progress in told] == [
+        ("compiling, the first time only", 1, None),
+        ("compiling, the first time only", 2, None),
+    ]

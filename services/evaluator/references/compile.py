@@ -1,0 +1,20 @@
+"""python -m services.evaluator.references.compile: compiles the reference policies, so that no evaluation has to.
+
+The machine code is kept beside the sources, or in the user's cache where those cannot be written.
+"""
+
+from common.requests import LevelChoice, Reference, ReferenceRequest
+from common.task import carry_out
+from services.evaluator.references.__main__ import score
+
+POLICIES: tuple[Reference, ...] = ("shortest-path", "deadlock-avoidance", "planner")
+
+
+def main() -> None:
+    """Play an episode with each."""
+    for policy in POLICIES:
+        score(ReferenceRequest(policy=policy, levels=LevelChoice(names=("easy",), episodes=1)))
+
+
+if __name__ == "__main__":
+    carry_out(main)
