@@ -116,9 +116,7 @@ class ServiceContext:
 
 
 @contextmanager
-def service_context(
-    folder: RunFolder, name: str, role: Role, inbox: Inbox | None = None
-) -> Iterator[ServiceContext]:
+def service_context(folder: RunFolder, name: str, role: Role, inbox: Inbox | None = None) -> Iterator[ServiceContext]:
     """Join the run as the only process of this name; see `join`."""
     stopping = Stopping()
     with sole(folder, name), join(folder, name, role, stopping, inbox) as context:
