@@ -76,6 +76,7 @@ class Runner:
             for name, pid in living(self._folder).items():
                 if name != "supervisor":
                     self._adopt(name, pid)
+            self._handle(Tick(connected=False))  # starts what is missing
             while self._quit is None:
                 if stopping.asked:
                     stopping.asked = False
