@@ -1,10 +1,11 @@
 """The newest weights, where all processes of a machine can read them: a file of slots, shared through its page cache.
 
 A version has the slot of its number modulo their number. A slot is the version, a sum of its numbers, the tensors one
-after the other, and the version once more. Both sides move a slot in one call, which goes from front to back: if a
-writer overtakes a reader or is overtaken, or is killed in between, the two versions differ, and on file systems that
-promise less the sum does. Such a slot is not there, as if it had never been written; whoever misses a version asks
-for it. The file is read and written by calls, not mapped: a full disk is then an error and not a signal.
+after the other, matrices column by column as twins have them, and the version once more. Both sides move a slot in one
+call, which goes from front to back: if a writer overtakes a reader or is overtaken, or is killed in between, the two
+versions differ, and on file systems that promise less the sum does. Such a slot is not there, as if it had never been
+written; whoever misses a version asks for it. The file is read and written by calls, not mapped: a full disk is then an
+error and not a signal.
 """
 
 import errno
@@ -24,6 +25,7 @@ HEADER_BYTES = 8  # a number: the bytes of the JSON that follows it
 ALIGNED = 4096
 HEAD, TAIL = 2, 1  # int64 numbers before and after the tensors of a slot
 MOST_NAMES_BYTES = 1_000_000
+NOWHERE: tuple[Any, Any, Any] = (None, None, None)
 
 
 class Slots:
@@ -59,7 +61,7 @@ class Slots:
         views, at = {}, 0
         for name, shape in self.shapes.items():
             size = math.prod(shape)
-            views[name] = flat[at : at + size].reshape(shape)
+            views[name] = flat[at : at + size].reshape(shape[::-1]).T
             at += size
         return views
 
@@ -110,6 +112,7 @@ class _Opened(NamedTuple):
     file: int
     identity: tuple[int, int]  # as long as it is held open, no other file has it
     slots: Slots | None  # None: it is no board
+    room: tuple[Any, Any, Any]  # read into again and again: fresh memory costs more than what is read
 
 
 class BoardReader:
@@ -120,10 +123,10 @@ class BoardReader:
         self._opened: _Opened | None = None
 
     def get(self, version: int) -> dict[str, NDArray[np.float32]] | None:
-        """The tensors of a version, the caller's own; None if the board does not have them, or no more."""
+        """The tensors of a version, good until the next call; None if the board does not have them, or no more."""
         try:
-            file, _, slots = self._current()
-            return None if slots is None else _read(file, slots, version)
+            file, _, slots, room = self._current()
+            return None if slots is None else _read(file, slots, room, version)
         except OSError:  # there is no board, here
             return None
 
@@ -138,7 +141,8 @@ class BoardReader:
             self.close()
             file = os.open(self._path, os.O_RDONLY)
             there = os.fstat(file)
-            self._opened = _Opened(file, _identity(there), _slots_of(file, there.st_size))
+            slots = _slots_of(file, there.st_size)
+            self._opened = _Opened(file, _identity(there), slots, NOWHERE if slots is None else slots.room())
         return self._opened
 
 
@@ -146,10 +150,10 @@ def _identity(there: os.stat_result) -> tuple[int, int]:
     return there.st_dev, there.st_ino
 
 
-def _read(file: int, slots: Slots, version: int) -> dict[str, NDArray[np.float32]] | None:
-    head, flat, tail = parts = slots.room()
-    length = os.preadv(file, parts, slots.start(version))
-    whole = length == sum(part.nbytes for part in parts) and head[0] == tail[0] == version and head[1] == _sum(flat)
+def _read(file: int, slots: Slots, room: tuple[Any, Any, Any], version: int) -> dict[str, NDArray[np.float32]] | None:
+    head, flat, tail = room
+    length = os.preadv(file, room, slots.start(version))
+    whole = length == sum(part.nbytes for part in room) and head[0] == tail[0] == version and head[1] == _sum(flat)
     return slots.named(flat) if whole else None
 
 

@@ -1,8 +1,9 @@
 """The only place that knows Zenoh: typed topics, services and liveliness over one session.
 
-Whatever arrives goes into one queue at once, and one thread decodes it and hands it to callbacks in the order of
-arrival, across topics and services: what an actor publishes before it asks is known when its question is. A full
-channel would stall the whole link, so the queue is not bounded; the leases bound the work in flight. What does
+Whatever arrives goes into one inbox at once, and one thread decodes it and hands it to callbacks in the order of
+arrival, across topics and services: what an actor publishes before it asks is known when its question is. That thread
+is the bus's own, or that of a loop which takes from the inbox itself: a message then changes hands once less. A full
+channel would stall the whole link, so the inbox is not bounded; the leases bound the work in flight. What does
 not decode is refused: counted, logged, answered with an error.
 """
 
@@ -18,6 +19,7 @@ from typing import Any, Generic, TypeVar
 
 import zenoh
 
+from common.inbox import Inbox
 from common.records.base import Record
 from common.wire.codec import Refused, decode, encode, encoding_of
 from common.wire.keys import Alive, Service, Topic
@@ -57,11 +59,7 @@ class Question(Generic[A, B]):
 
     def refuse(self, reason: str) -> None:
         """Answer with an error and end the question."""
-        try:
-            self._query.reply_err(reason.encode())
-        except zenoh.ZError as error:
-            log.warning("a refusal on %s did not go out: %s", self._service.key, error)
-        self.drop()
+        _refuse(self._query, self._service.key, reason)
 
     def drop(self) -> None:
         """End the question without an answer."""
@@ -71,20 +69,26 @@ class Question(Generic[A, B]):
 class Bus:
     """A session within the namespace of one run."""
 
-    def __init__(self, session: Any, namespace: str) -> None:
+    def __init__(self, session: Any, namespace: str, inbox: Inbox | None) -> None:
+        """Callbacks are called by who takes from the `inbox`; None: by a thread of the bus."""
         self._session = session
         self._namespace = namespace
         self._declared: list[Any] = []  # zenoh undeclares what is no longer referenced
-        self._arrived: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
-        self._dispatcher = threading.Thread(target=self._dispatch, name="bus", daemon=True)
-        self._dispatcher.start()
+        self._inbox = inbox or Inbox()
+        self._closed = False
         self.refused = 0
+        self._dispatcher: threading.Thread | None = None
+        if inbox is None:
+            self._dispatcher = threading.Thread(target=self._dispatch, name="bus", daemon=True)
+            self._dispatcher.start()
 
     def close(self) -> None:
-        """End the session; nothing is handed out any more."""
+        """End the session; its thread hands nothing out any more."""
         self._session.close()
-        self._arrived.put(None)
-        self._dispatcher.join()
+        self._closed = True
+        if self._dispatcher is not None:
+            self._inbox.put(lambda: None)  # so that it looks
+            self._dispatcher.join()
 
     def publish(self, topic: Topic[A], record: A) -> None:
         """Send to all subscribers; who is not connected now never gets it."""
@@ -99,7 +103,7 @@ class Bus:
             log.warning("a message on %s did not go out: %s", topic.key, error)
 
     def subscribe(self, topic: Topic[A], on_record: Callable[[A], None]) -> None:
-        """Call `on_record`, on the bus's thread, with every valid message; it must be quick."""
+        """Call `on_record` with every valid message; it must be quick."""
 
         def take(sample: Any) -> None:
             try:
@@ -112,7 +116,7 @@ class Bus:
         self._declared.append(self._session.declare_subscriber(self._key(topic.key), self._in_order(take)))
 
     def serve(self, service: Service[A, B], on_question: Callable[[Question[A, B]], None]) -> None:
-        """Call `on_question`, on the bus's thread, with every valid question; it must be quick."""
+        """Call `on_question` with every valid question; it must be quick."""
         key = self._key(service.key)
 
         def take(query: Any) -> None:
@@ -121,8 +125,7 @@ class Bus:
                 request = decode(service.request, str(query.encoding), body)
             except Refused as reason:
                 self._refuse(service.key, reason)
-                query.reply_err(str(reason).encode())
-                query.drop()
+                _refuse(query, service.key, str(reason))
             else:
                 on_question(Question(query, service, key, request))
 
@@ -140,7 +143,8 @@ class Bus:
         try:
             self._session.get(
                 self._key(service.key),
-                zenoh.handlers.Callback(replies.put, drop=lambda: replies.put(None)),
+                # Without a thread in between, which takes milliseconds to start, for each question.
+                zenoh.handlers.Callback(replies.put, drop=lambda: replies.put(None), indirect=False),
                 payload=encode(request),
                 encoding=encoding_of(service.request),
                 timeout=timeout_s,
@@ -164,7 +168,7 @@ class Bus:
         self._declared.append(self._session.liveliness().declare_token(self._key(alive.key)))
 
     def watch_alive(self, key: str, on_change: Callable[[Alive, bool], None]) -> None:
-        """Call `on_change`, on the bus's thread, when a token comes (also those that are there already) or goes."""
+        """Call `on_change` when a token comes (also those that are there already) or goes."""
         prefix = len(self._namespace) + 1
 
         def take(sample: Any) -> None:
@@ -183,12 +187,12 @@ class Bus:
         return bool(self._session.info.routers_zid())
 
     def _in_order(self, take: Callable[[Any], None]) -> Any:
-        return zenoh.handlers.Callback(lambda message: self._arrived.put(partial(take, message)), indirect=False)
+        return zenoh.handlers.Callback(lambda message: self._inbox.put(partial(take, message)), indirect=False)
 
     def _dispatch(self) -> None:
-        while (task := self._arrived.get()) is not None:
+        while not self._closed:
             try:
-                task()
+                self._inbox.take(None)
             except Exception:
                 log.exception("a message could not be handed on")  # the next one may be
 
@@ -199,6 +203,14 @@ class Bus:
         self.refused += 1
         if self.refused <= 20 or self.refused % 1000 == 0:
             log.warning("refused a message on %s (the %d.): %s", key, self.refused, reason)
+
+
+def _refuse(query: Any, key: str, reason: str) -> None:
+    try:
+        query.reply_err(reason.encode())
+    except zenoh.ZError as error:
+        log.warning("a refusal on %s did not go out: %s", key, error)
+    query.drop()
 
 
 def _first(replies: "queue.SimpleQueue[Any]", timeout_s: float, give_up: Callable[[], bool]) -> Any:
@@ -212,13 +224,16 @@ def _first(replies: "queue.SimpleQueue[Any]", timeout_s: float, give_up: Callabl
 
 
 @contextmanager
-def open_bus(endpoint: str, namespace: str, connect_timeout_s: float | None = None) -> Iterator[Bus]:
+def open_bus(
+    endpoint: str, namespace: str, connect_timeout_s: float | None = None, inbox: Inbox | None = None
+) -> Iterator[Bus]:
     """A client session of the router at `endpoint`, closed at the end; it reconnects by itself.
 
     Args:
         endpoint: for example `tcp/127.0.0.1:7447`.
         namespace: the run's own key prefix.
         connect_timeout_s: how long to wait for the router; none waits for ever.
+        inbox: where the caller takes what arrives, see `Bus`.
 
     Raises:
         NoAnswer: no router within `connect_timeout_s`.
@@ -237,7 +252,7 @@ def open_bus(endpoint: str, namespace: str, connect_timeout_s: float | None = No
         session = _open(settings)
     except zenoh.ZError as error:
         raise NoAnswer(f"no router at {endpoint}: {error}") from None
-    bus = Bus(session, namespace)
+    bus = Bus(session, namespace, inbox)
     try:
         yield bus
     finally:

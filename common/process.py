@@ -1,6 +1,7 @@
 """What every process of a run shares: clean ends, a log, heartbeats, and a name that it has alone."""
 
 import errno
+import gc
 import logging
 import os
 import signal
@@ -16,6 +17,7 @@ from common.bus import Bus, open_bus
 from common.compile_signs import COMPILING, around_compiling
 from common.config import RunConfig
 from common.folder import RunFolder
+from common.inbox import Inbox
 from common.locks import RunsAlreadyError, sole
 from common.records.base import Role
 from common.records.heartbeats import Heartbeat, Report
@@ -29,6 +31,8 @@ STARTING = "starting"  # the state before the heavy imports, which take seconds 
 EXIT_FATAL = 3  # starting this process again cannot help: its supervisor stops the run and shows the last line
 EXIT_RUNS_ALREADY = 4  # another process has the name: its supervisor looks after that one instead
 STRETCH_S = 0.05
+SWITCH_S = 0.0005  # a message that arrives while Python works is taken up after this, not after 5 ms
+OBJECTS_A_COLLECTION = 50_000  # the default, 700, has imports pass through all that is loaded over and over
 COMPILE_PATIENCE_S = 600.0  # a function that takes longer to compile, with all that it calls, hangs
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # of what the disk says to a write: a restart would meet it again
 
@@ -112,16 +116,18 @@ class ServiceContext:
 
 
 @contextmanager
-def service_context(folder: RunFolder, name: str, role: Role) -> Iterator[ServiceContext]:
-    """Join the run as the only process of this name."""
+def service_context(folder: RunFolder, name: str, role: Role, inbox: Inbox | None = None) -> Iterator[ServiceContext]:
+    """Join the run as the only process of this name; see `join`."""
     stopping = Stopping()
-    with sole(folder, name), join(folder, name, role, stopping) as context:
+    with sole(folder, name), join(folder, name, role, stopping, inbox) as context:
         yield context
 
 
 @contextmanager
-def join(folder: RunFolder, name: str, role: Role, stopping: Stopping) -> Iterator[ServiceContext]:
-    """Join the run, having the name's lock: configuration, bus, liveliness token, heartbeat.
+def join(
+    folder: RunFolder, name: str, role: Role, stopping: Stopping, inbox: Inbox | None = None
+) -> Iterator[ServiceContext]:
+    """Join the run, having the name's lock: configuration, bus (see there for `inbox`), liveliness token, heartbeat.
 
     Raises:
         Fatal: inside, a file of the run could not be written for want of room.
@@ -130,7 +136,7 @@ def join(folder: RunFolder, name: str, role: Role, stopping: Stopping) -> Iterat
     endpoint, namespace = folder.endpoint_and_namespace()
     incarnation = uuid.uuid4().hex[:16]
     with ExitStack() as stack:
-        bus = stack.enter_context(open_bus(endpoint, namespace))
+        bus = stack.enter_context(open_bus(endpoint, namespace, inbox=inbox))
         bus.declare_alive(Alive(role, name, incarnation))
         heartbeat = HeartbeatPublisher(bus, name, role)
         stack.enter_context(around_compiling(heartbeat.while_compiling))
@@ -151,6 +157,8 @@ def run_service(main: Callable[[], None]) -> None:
 
     What ends well leaves at once: taking an interpreter with torch apart takes longer than a second, of every run.
     """
+    sys.setswitchinterval(SWITCH_S)
+    gc.set_threshold(OBJECTS_A_COLLECTION)
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     try:
         main()

@@ -107,16 +107,16 @@ class Runner:
             return
         try:
             bus = stack.enter_context(
-                open_bus(self._cluster["endpoint"], self._cluster["namespace"], CONNECT_STRETCH_S)
+                open_bus(self._cluster["endpoint"], self._cluster["namespace"], CONNECT_STRETCH_S, self._inbox)
             )
         except NoAnswer:
             return
-        bus.subscribe(keys.HEARTBEATS, self._inbox.into(self._on_beat))
+        bus.subscribe(keys.HEARTBEATS, self._on_beat)
         # A token that goes only ends the wait for messages: the look for exits follows at once.
-        bus.watch_alive(keys.ALL_ALIVE, self._inbox.into(lambda _alive, _there: None))
-        bus.serve(keys.STATUS, self._inbox.into(self._on_status))
-        bus.serve(keys.SCALE, self._inbox.into(self._on_scale))
-        bus.serve(keys.STOP, self._inbox.into(self._on_stop))
+        bus.watch_alive(keys.ALL_ALIVE, lambda _alive, _there: None)
+        bus.serve(keys.STATUS, self._on_status)
+        bus.serve(keys.SCALE, self._on_scale)
+        bus.serve(keys.STOP, self._on_stop)
         self._bus = bus
 
     def _look_for_exits(self) -> None:

@@ -132,7 +132,7 @@ class Twin(Chooser):
         Raises:
             KeyError, ValueError: as `Layout.pack`.
         """
-        self.parameters = self.layout.pack(tensors)
+        self.parameters = self.layout.pack(tensors, self.parameters)
 
     def outputs(
         self, observations: NDArray[np.float32], state: NDArray[np.float32] | None = None

@@ -95,8 +95,8 @@ def import_parameters(network: nn.Module, arrays: Mapping[str, NDArray[np.float3
 
 
 def export_tensors(tensors: Mapping[str, Tensor]) -> dict[str, NDArray[np.float32]]:
-    """A copy of each float32 tensor."""
-    return {name: tensor.detach().numpy().copy() for name, tensor in tensors.items()}
+    """A copy of each float32 tensor, which lies in memory as the tensor does."""
+    return {name: tensor.detach().numpy().copy(order="K") for name, tensor in tensors.items()}
 
 
 def import_tensors(tensors: Mapping[str, Tensor], arrays: Mapping[str, NDArray[np.float32]]) -> None:

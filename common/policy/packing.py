@@ -57,8 +57,8 @@ class Layout:
         fields = [KINDS[self.kind], self.n_features, self.n_actions, len(self.hidden), *self.hidden]
         return np.array(fields, dtype=np.int64)
 
-    def pack(self, tensors: Arrays) -> NDArray[np.float32]:
-        """The parameters in the order of the table above.
+    def pack(self, tensors: Arrays, room: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
+        """The parameters in the order of the table above, in the `room` of earlier ones if they are as many.
 
         Raises:
             KeyError: a parameter is missing.
@@ -77,7 +77,9 @@ class Layout:
             parts += _stack(tensors, "hidden", hidden if self.kind == "recurrent" else (features, *hidden))
             heads = {"q": self.n_actions} if self.kind == "plain" else {"value": 1, "advantage": self.n_actions}
             parts += _head(tensors, heads, hidden[-1])
-        return np.concatenate([np.ascontiguousarray(part, np.float32).ravel() for part in parts])
+        flat = [np.ascontiguousarray(part, np.float32).ravel() for part in parts]
+        fits = room is not None and len(room) == sum(map(len, flat))
+        return np.concatenate(flat, out=room if fits else None)
 
 
 def padded(width: int) -> int:

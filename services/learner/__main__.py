@@ -5,19 +5,21 @@ from contextlib import closing
 from pathlib import Path
 
 from common.folder import RunFolder
+from common.inbox import Inbox
 from common.process import run_service, service_context
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="The learner of a run.")
     parser.add_argument("--run", type=Path, required=True, help="the run's folder")
-    with service_context(RunFolder(parser.parse_args().run), "learner", "learner") as context:
+    inbox = Inbox()
+    with service_context(RunFolder(parser.parse_args().run), "learner", "learner", inbox) as context:
         # Imports take seconds and come last, so that whoever supervises sees this process at once.
         from common.policy.determinism import deterministic_torch
         from services.learner.service import Learner
 
         deterministic_torch()
-        with closing(Learner(context)) as learner:
+        with closing(Learner(context, inbox)) as learner:
             learner.run()
 
 

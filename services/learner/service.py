@@ -36,8 +36,10 @@ STORY_SHOWN = 30
 class Learner:
     """The learner of a run, from its newest snapshot to the last episode."""
 
-    def __init__(self, context: ServiceContext) -> None:
+    def __init__(self, context: ServiceContext, inbox: Inbox) -> None:
+        """What the context's bus brings arrives in the `inbox`."""
         self._context = context
+        self._inbox = inbox
         self._config = context.config
         self._archive = Archive(context.folder, context.config)
         try:
@@ -57,7 +59,6 @@ class Learner:
         )
         self._telemetry = Telemetry(context.folder, self._archive.snapshot)
         self._ended: OpenEpisode | None = None  # trained, but its row and files are still due
-        self._inbox = Inbox()
         self._paused = context.folder.paused_file.exists()
 
     def _restore(self, snapshot: Tensors) -> list[Fragment]:
@@ -90,15 +91,15 @@ class Learner:
         for version, weights in self._weights.items():
             self._board.put(version, weights.tensors)
         self._publish_weights()
-        bus, into = self._context.bus, self._inbox.into
-        bus.watch_alive(keys.ALL_ALIVE, into(self._on_alive))
-        bus.subscribe(keys.FRAGMENTS, into(self._on_fragment))
-        bus.serve(keys.LEASE, into(self._on_lease))
-        bus.serve(keys.PULL_WEIGHTS, into(self._on_pull_weights))
-        bus.serve(keys.LIST_CHECKPOINTS, into(self._on_list))
-        bus.serve(keys.PULL_CHECKPOINT, into(self._on_pull_checkpoint))
-        bus.serve(keys.EPISODE_HISTORY, into(self._on_history))
-        bus.serve(keys.COMMAND_LEARNER, into(self._on_command))
+        bus = self._context.bus
+        bus.watch_alive(keys.ALL_ALIVE, self._on_alive)
+        bus.subscribe(keys.FRAGMENTS, self._on_fragment)
+        bus.serve(keys.LEASE, self._on_lease)
+        bus.serve(keys.PULL_WEIGHTS, self._on_pull_weights)
+        bus.serve(keys.LIST_CHECKPOINTS, self._on_list)
+        bus.serve(keys.PULL_CHECKPOINT, self._on_pull_checkpoint)
+        bus.serve(keys.EPISODE_HISTORY, self._on_history)
+        bus.serve(keys.COMMAND_LEARNER, self._on_command)
         self._announce_checkpoints()
         log.info("goes on after %d of %d episodes", self._desk.ledger.trained, self._desk.ledger.total)
 

@@ -1,28 +1,31 @@
 """Calls from other threads are made on the thread that takes them, in their order."""
 
 import threading
+from functools import partial
 
 from common.inbox import Inbox
 
 
 def test_calls_wait_until_they_are_taken_and_keep_their_order():
     inbox, made = Inbox(), []
-    call = inbox.into(lambda *arguments: made.append((arguments, threading.get_ident())))
-    other = threading.Thread(target=lambda: [call(1), call(2, "b")])
+
+    def note(number):
+        made.append((number, threading.get_ident()))
+
+    other = threading.Thread(target=lambda: [inbox.put(partial(note, number)) for number in (1, 2)])
     other.start()
     other.join()
     assert made == []
     inbox.take()
     here = threading.get_ident()
-    assert made == [((1,), here), ((2, "b"), here)]
+    assert made == [(1, here), (2, here)]
     inbox.take()
     assert len(made) == 2
 
 
 def test_a_wait_ends_with_the_first_call():
     inbox, made = Inbox(), []
-    call = inbox.into(made.append)
-    timer = threading.Thread(target=call, args=(7,))
+    timer = threading.Thread(target=inbox.put, args=(lambda: made.append(7),))
     timer.start()
     inbox.take(wait_s=60.0)
     timer.join()

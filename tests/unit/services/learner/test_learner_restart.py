@@ -1,5 +1,6 @@
 """A learner that goes on from a snapshot can still hand out all that its leases name."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ from made_episodes import answer_to, edited
 from common import checkpoint
 from common.config import parse_config
 from common.folder import RunFolder
+from common.inbox import Inbox
 from common.rail.normalise import N_FEATURES
 from common.records.acting import LeaseRequest, WeightsRequest
 from common.records.control import Empty, LearnerCommand
@@ -37,25 +39,29 @@ class Question:
 
 
 class Wire:
-    """The bus of a learner that a test talks to directly."""
+    """The bus of a learner that a test talks to directly; what it says waits in the inbox."""
 
     refused = 0
 
     def __init__(self):
+        self.inbox = Inbox()
         self.served, self.on_fragment, self.on_alive = {}, None, None
+
+    def into(self, handle):
+        return lambda *arguments: self.inbox.put(partial(handle, *arguments))
 
     def publish(self, _topic, _record):
         pass
 
     def serve(self, service, on_question):
-        self.served[service] = on_question
+        self.served[service] = self.into(on_question)
 
     def subscribe(self, topic, on_record):
         assert topic is keys.FRAGMENTS
-        self.on_fragment = on_record
+        self.on_fragment = self.into(on_record)
 
     def watch_alive(self, _key, on_change):
-        self.on_alive = on_change
+        self.on_alive = self.into(on_change)
 
 
 class Cluster:
@@ -67,7 +73,7 @@ class Cluster:
         self.folder = folder
         heartbeat = SimpleNamespace(beat=self.on_beat)
         context = SimpleNamespace(folder=folder, config=config, bus=self.wire, heartbeat=heartbeat, stopping=stopping)
-        self.learner = Learner(context)
+        self.learner = Learner(context, self.wire.inbox)
         self.learner.open()
 
     def on_beat(self, _state, report, **_options):
