@@ -70,7 +70,7 @@ class Runner:
         self._log_starts: dict[str, int] = {}
         self._quit: Quit | None = None
         self._drawing: CurveDrawing | None = None
-        signal.signal(signal.SIGCHLD, self._inbox.into(lambda *_signal: None))  # ends the wait for messages
+        signal.signal(signal.SIGCHLD, lambda *_: self._inbox.put(lambda: None))  # ends the wait for messages
 
     def run(self, stopping: Stopping) -> Quit:
         """Supervise until the run is finished, stopped or failed."""
