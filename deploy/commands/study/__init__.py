@@ -7,8 +7,7 @@ app = group(
     {
         "plan": Verb(
             "deploy.commands.study.plan:plan",
-            "Say how many runs and levels a study needs, and the hours and the disk, "
-            "measured on its runs or on short ones.",
+            "Say how many runs and levels a study needs, and the hours and the disk, measured on its runs or without.",
         ),
         "run": Verb(
             "deploy.commands.study.run:run",
