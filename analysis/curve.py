@@ -1,6 +1,10 @@
-"""python -m analysis.curve --run FOLDER: draws the learning curve of a run as `curve.png` in its folder."""
+"""python -m analysis.curve --run FOLDER: draws the learning curve of a run as `curve.png` in its folder.
+
+It draws when its input ends, so that it can be started before there is everything to draw.
+"""
 
 import argparse
+import sys
 from pathlib import Path
 
 import matplotlib as mpl
@@ -75,7 +79,9 @@ def draw(folder: RunFolder) -> Path:
 def main() -> None:
     parser = argparse.ArgumentParser(description="Draws the learning curve of a run.")
     parser.add_argument("--run", type=Path, required=True, help="the run's folder")
-    print(draw(RunFolder(parser.parse_args().run)))  # noqa: T201  (its caller reads the path)
+    folder = RunFolder(parser.parse_args().run)
+    sys.stdin.read()
+    print(draw(folder))  # noqa: T201  (its caller reads the path)
 
 
 if __name__ == "__main__":

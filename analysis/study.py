@@ -3,7 +3,7 @@
 A study lies in a folder:
 
     study.yaml                          the study as it was planned; it stays as it is
-    calibration/                        short runs, which tell how long the study's will take
+    calibration.json                    figures of short runs, which tell how long the study's will take
     runs/NAME-LEVEL-SEED/               runs, as `railctl up` makes them
     evaluations/NAME-LEVEL-SEED.json    the score of a run's last checkpoint, as `railctl evaluate --json` prints it
     references/POLICY-LEVEL.json        the score of a reference policy, likewise
@@ -153,7 +153,7 @@ class StudyFolder:
 
     @property
     def calibration(self) -> Path:
-        return self.path / "calibration"
+        return self.path / "calibration.json"
 
     @property
     def processes(self) -> Path:

@@ -245,7 +245,7 @@ def open_bus(
             "endpoints": [endpoint],
             "timeout_ms": timeout_ms,
             "exit_on_failure": connect_timeout_s is not None,
-            "retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
+            "retry": {"period_init_ms": 20, "period_max_ms": 500, "period_increase_factor": 1.5},
         },
     }
     try:

@@ -18,7 +18,7 @@ class ConfigError(ValueError):
 class Strict(BaseModel):
     """A frozen section; an unknown key is an error."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, defer_build=True)
 
 
 def describe(error: ValidationError, model: type[BaseModel]) -> str:

@@ -1,34 +1,65 @@
-"""The railctl command line: one verb a file in `deploy.commands`."""
+"""The railctl command line: one verb a file in `deploy.commands`, imported when it is given."""
 
-import typer
+from deploy.verbs import Verb, group
 
-from deploy.commands.bench import bench
-from deploy.commands.checkpoint import checkpoint
-from deploy.commands.doctor import doctor
-from deploy.commands.down import down
-from deploy.commands.evaluate import evaluate
-from deploy.commands.levels import app as levels
-from deploy.commands.logs import logs
-from deploy.commands.pause import pause
-from deploy.commands.report import report
-from deploy.commands.resume import resume
-from deploy.commands.scale import scale
-from deploy.commands.status import status
-from deploy.commands.study import app as study
-from deploy.commands.tail import tail
-from deploy.commands.up import up
-
-app = typer.Typer(
-    help="Train train dispatchers: an exact, distributed actor-learner system for Flatland.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+app = group(
+    "Train train dispatchers: an exact, distributed actor-learner system for Flatland.",
+    {
+        "up": Verb(
+            "deploy.commands.up:up",
+            "Start a run or go on with one: router, learner, actors, evaluator and their supervisor.",
+        ),
+        "status": Verb(
+            "deploy.commands.status:status",
+            "Show a run's progress and every process: role, level, pid, state, restarts, last heartbeat.",
+        ),
+        "tail": Verb(
+            "deploy.commands.tail:tail",
+            "Follow a run's episodes and evaluations, with full history, until it ends.",
+        ),
+        "logs": Verb(
+            "deploy.commands.logs:logs",
+            "Print the last lines of the logs of a run's processes, the supervisor's included.",
+        ),
+        "scale": Verb(
+            "deploy.commands.scale:scale",
+            "Change how many actors serve each level; those not named stay as they are.",
+        ),
+        "pause": Verb(
+            "deploy.commands.pause:pause",
+            "Hold a run: what is being acted is finished, nothing new begins. It stays paused until railctl resume.",
+        ),
+        "resume": Verb("deploy.commands.resume:resume", "Go on with a paused run."),
+        "checkpoint": Verb(
+            "deploy.commands.checkpoint:checkpoint",
+            "Write a checkpoint and a snapshot now; the checkpoint is evaluated like any other.",
+        ),
+        "down": Verb(
+            "deploy.commands.down:down",
+            "Stop every process of a run; the learner writes a snapshot first, so that nothing is lost.",
+        ),
+        "evaluate": Verb(
+            "deploy.commands.evaluate:evaluate",
+            "Play levels with a checkpoint or a reference policy, and print what becomes of them.",
+        ),
+        "report": Verb(
+            "deploy.commands.report:report",
+            "Compare runs on a page that needs nothing else, or rank algorithms by how reliably they learn.",
+        ),
+        "doctor": Verb(
+            "deploy.commands.doctor:doctor",
+            "Check this machine: Python, packages, cores, memory, disk, Zenoh, and arithmetic that repeats.",
+        ),
+        "bench": Verb(
+            "deploy.commands.bench:bench",
+            "Measure ours beside others: same work, one process, one core; a ratio above 1 says that ours is better.",
+        ),
+        "levels": Verb("deploy.commands.levels:app", "List, build, show, verify, import and export levels."),
+        "study": Verb(
+            "deploy.commands.study:app", "Plan, run, watch and report on studies: many runs that are compared."
+        ),
+    },
 )
-for verb in (up, status, tail, logs, scale, pause, resume, checkpoint, down, evaluate, report, doctor, bench):
-    app.command()(verb)
-app.add_typer(levels, name="levels")
-app.add_typer(study, name="study")
 
 
 def main() -> None:

@@ -185,20 +185,3 @@ def _is_free(port: int) -> bool:
         except OSError:
             return False
     return True
-
-
-def draw_curve(folder: RunFolder) -> Path:
-    """Draw the run's learning curve; returns the picture's path.
-
-    Raises:
-        Failed: it could not be drawn.
-    """
-    done = subprocess.run(
-        run_module("analysis.curve", "--run", str(folder.path)),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if done.returncode:
-        raise Failed(f"the curve could not be drawn: {(done.stderr.splitlines() or ['no reason given'])[-1]}")
-    return Path(done.stdout.strip())

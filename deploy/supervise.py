@@ -23,8 +23,8 @@ from common.records.heartbeats import Heartbeat
 from common.records.rows import EpisodeRow
 from common.rows import DamagedRows, read_rows
 from common.wire import keys
-from deploy.launch import draw_curve
-from deploy.overview import overview, run_is_complete
+from deploy.curve import CurveDrawing
+from deploy.overview import overview, progress_of, run_is_complete
 from deploy.plan import ENVIRONMENT, ProcessSpec, actors, cluster
 from deploy.runs import Failed
 from deploy.supervisor import (
@@ -69,6 +69,8 @@ class Runner:
         self._bus: Bus | None = None
         self._log_starts: dict[str, int] = {}
         self._quit: Quit | None = None
+        self._drawing: CurveDrawing | None = None
+        signal.signal(signal.SIGCHLD, lambda *_: self._inbox.put(lambda: None))  # ends the wait for messages
 
     def run(self, stopping: Stopping) -> Quit:
         """Supervise until the run is finished, stopped or failed."""
@@ -76,6 +78,7 @@ class Runner:
             for name, pid in living(self._folder).items():
                 if name != "supervisor":
                     self._adopt(name, pid)
+            self._handle(Tick(connected=False))  # starts what is missing
             while self._quit is None:
                 if stopping.asked:
                     stopping.asked = False
@@ -83,10 +86,21 @@ class Runner:
                 self._connect(stack)
                 self._inbox.take(TICK_S)
                 self._look_for_exits()
+                self._draw_when_trained()
                 if run_is_complete(self._config, self._beats):
                     self._handle(StopAsked("finished"))
                 self._handle(Tick(connected=self._bus is not None and self._bus.connected()))
             return self._quit
+
+    def _draw_when_trained(self) -> None:
+        """Get the drawing of the curve ready while the last evaluations go on."""
+        progress = None if self._drawing else progress_of(self._config, self._beats)
+        if progress is not None and progress.done == self._config.episodes:
+            self._drawing = CurveDrawing(self._folder)
+
+    def draw(self) -> Path:
+        """Draw the curve as it is by now; raises as `CurveDrawing.finish`."""
+        return (self._drawing or CurveDrawing(self._folder)).finish()
 
     def _connect(self, stack: ExitStack) -> None:
         if self._bus is not None or "router" not in self._pids:
@@ -218,7 +232,7 @@ def main() -> None:
         write_atomically(folder.outcome_file, json.dumps(outcome))
         try:
             if read_rows(folder.episodes_file, EpisodeRow):
-                log.info("drew %s", draw_curve(folder))
+                log.info("drew %s", runner.draw())
         except (DamagedRows, Failed) as error:
             log.warning("%s", error)
 

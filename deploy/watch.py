@@ -19,7 +19,7 @@ from deploy.show import progress_line, row_line, view
 
 REFRESH_S = 0.5
 LINE_EVERY_S = 5.0
-STARTING_S = 30.0
+LOOK_S = 0.05
 
 
 def watch(folder: RunFolder) -> None:
@@ -34,7 +34,7 @@ def watch(folder: RunFolder) -> None:
             with reach(folder) as bus:
                 follow(folder, bus)
         except NoAnswer:
-            time.sleep(REFRESH_S / 5)  # the router is only starting, or is being started again
+            time.sleep(LOOK_S)  # the router is only starting, or is being started again
         except KeyboardInterrupt:
             _stop(folder)
     if not folder.outcome_file.exists():
@@ -93,4 +93,4 @@ def _loop(
                     return
         if not supervised(folder):
             return
-        fresh = rows.next(REFRESH_S / 2)
+        fresh = rows.next(LOOK_S)

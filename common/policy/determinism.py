@@ -28,4 +28,5 @@ def deterministic_torch() -> None:
     torch.set_num_threads(1)
     if torch.get_num_interop_threads() != 1:  # torch lets it be set only once
         torch.set_num_interop_threads(1)
-    torch.use_deterministic_algorithms(True)
+    # As `use_deterministic_algorithms`, which also sets up torch's compiler, and takes 1.7 s for that.
+    torch.set_deterministic_debug_mode("error")

@@ -27,6 +27,11 @@ class LeasePlayer:
         self._players = Players(config, chooser, on_step)
         self._stands_at: tuple[int, int] | None = None  # episode and steps that the last player's world is at
 
+    def get_ready(self, name: str) -> None:
+        """Load or compile, with a level of a distribution, what the first lease would have to wait for."""
+        self._players.of(name).begin(self._levels.training(name, 0))
+        self._stands_at = None
+
     def act(self, lease: Lease) -> Course:
         """What happens under a lease."""
         states = self._stand_at(lease)

@@ -118,8 +118,14 @@ def import_tensors(tensors: Mapping[str, Tensor], arrays: Mapping[str, NDArray[n
 
 def linear_layer(n_in: int, n_out: int) -> nn.Linear:
     """A layer with memory but no values: the usual constructor would draw from torch's global generator."""
-    layer: nn.Linear = nn.utils.skip_init(nn.Linear, n_in, n_out)  # type: ignore[no-untyped-call]
-    return layer
+    return _Unset(n_in, n_out)
+
+
+class _Unset(nn.Linear):
+    """As `nn.utils.skip_init` makes it, which takes half a second for torch's symbolic shapes."""
+
+    def reset_parameters(self) -> None:
+        """Draws nothing."""
 
 
 def _initialise(layer: nn.Linear, generator: torch.Generator) -> None:

@@ -58,7 +58,7 @@ class Record(BaseModel):
     __slots__ = ("lengths",)
 
     model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, arbitrary_types_allowed=True
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, arbitrary_types_allowed=True, defer_build=True
     )
 
     @classmethod

@@ -1,4 +1,4 @@
-"""What a study takes: seconds an episode, measured on its own runs or on short ones like them, and sums of those.
+"""What a study takes: seconds an episode, measured on its own runs or in one process, and sums of those.
 
 What is measured is what it takes while as many runs go on at once as in the study itself. Levels that are generated
 ahead of time, references and the report are left out: they take minutes.
@@ -15,10 +15,11 @@ from common.records.rows import EpisodeRow, EvaluationRow
 from common.rows import DamagedRows, read_rows
 from common.strict import ConfigError
 from deploy.follow import outcome_of
+from deploy.study.calibration import Figures, kept
 from deploy.study.progress import RunProgress, StudyProgress
 
-CALIBRATED_EPISODES = 40  # of a short run; its first half, in which it warms up, does not count
-STARTING_S = 10.0  # a cluster, until its first episode, and from its last one to its end
+MESSAGES_S = 0.004  # of a fragment, beside acting it and learning from it, where two runs share two cores
+STARTING_S = 6.0  # a cluster, until its first episode, and from its last one to its end
 SCORING_STARTS_S = 4.0  # a process that scores a network, until its first level
 INTERRUPTION_S = 60.0  # between two episodes: the run was not going on
 
@@ -33,6 +34,7 @@ class Rate(NamedTuple):
     level_s: float  # to score a network on one level
     run_bytes: int
     source: Source
+    episodes: int  # that were counted
 
     def run_s(self, episodes: int, evaluation: FinalEvaluation) -> float:
         """To train so many episodes, and to score the network."""
@@ -42,30 +44,32 @@ class Rate(NamedTuple):
         return SCORING_STARTS_S + evaluation.episodes * self.level_s
 
 
-def calibration_of(study: Study) -> Study:
-    """A study of one short run of each contender on each level."""
-    return study.model_copy(
-        update={
-            "seeds": study.seeds[:1],
-            "episodes": min(CALIBRATED_EPISODES, study.episodes),
-            "references": (),
-        }
-    )
-
-
 def measured(folder: StudyFolder, progress: StudyProgress) -> dict[Cell, Rate]:
-    """What is known: of each contender and level the first run that is over, else the short run."""
-    rates = {}
+    """What is known: of each contender and level the first run that is over, else what was measured for the plan."""
+    rates, figures = {}, kept(folder)
     for cell, runs in progress.cells().items():
         over = next((folder.run(run.run) for run in runs if run.state in ("trained", "done")), None)
-        short = folder.calibration / "runs" / runs[0].run.name
-        rate = (over and _rate(over, progress.study, "run")) or _rate(short, progress.study, "calibration")
+        short = figures.get(runs[0].run.name)
+        rate = None if over is None else _rate(over, progress.study)
+        if rate is None and short is not None:
+            rate = expected(short)
         if rate is not None:
             rates[cell] = rate
     return rates
 
 
-def _rate(path: Path, study: Study, source: Source) -> Rate | None:
+def expected(figures: Figures) -> Rate:
+    """What a run takes of which there are but figures without messages."""
+    return Rate(
+        episode_s=figures.episode_s + figures.fragments * MESSAGES_S,
+        level_s=figures.level_s,
+        run_bytes=figures.run_bytes,
+        source="calibration",
+        episodes=figures.episodes,
+    )
+
+
+def _rate(path: Path, study: Study) -> Rate | None:
     place = RunFolder(path)
     if outcome_of(place)[0] != "finished":
         return None
@@ -75,13 +79,12 @@ def _rate(path: Path, study: Study, source: Source) -> Rate | None:
         every = place.config().evaluation.every_episodes
     except (ConfigError, DamagedRows):
         return None
-    counted = episodes if source == "run" else episodes[len(episodes) // 2 :]
-    if len(counted) < 2 or not evaluations:
+    if len(episodes) < 2 or not evaluations:
         return None
     last = evaluations[-1]
-    seconds = episode_seconds([row.trained_unix_s for row in counted])
+    seconds = episode_seconds([row.trained_unix_s for row in episodes])
     size = _bytes(place, study.episodes / len(episodes), -(-study.episodes // every))
-    return Rate(seconds, last.evaluating_s / last.levels, size, source)
+    return Rate(seconds, last.evaluating_s / last.levels, size, "run", len(episodes))
 
 
 def episode_seconds(trained_unix_s: Sequence[float]) -> float:

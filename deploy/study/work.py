@@ -1,14 +1,12 @@
-"""Carrying out a study, or short runs like its own: what the commands share."""
+"""Carrying out a study: what the commands share."""
 
 import os
-import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console
 
-from analysis.study import PlannedRun, Study, StudyFolder, planned_runs
-from common.config import RunConfig
+from analysis.study import Study, StudyFolder, planned_runs
 from common.folder import RunFolder
 from common.levels.bank import bank_root
 from common.locks import RunsAlreadyError, holder, living, sole
@@ -17,7 +15,7 @@ from common.strict import ConfigError
 from deploy.runs import Failed, runs_root
 from deploy.study.described import configurations
 from deploy.study.dispatcher import Dispatcher, Job, in_order
-from deploy.study.estimate import Cell, Rate, calibration_of, measured, run_seconds
+from deploy.study.estimate import measured, run_seconds
 from deploy.study.levels import build_levels
 from deploy.study.progress import COMMAND, Looking
 from deploy.study.runner import Runner
@@ -61,39 +59,6 @@ def carry_out(folder: StudyFolder, study: Study, cores: int, console: Console) -
     if progress.count("done", "trained") < len(progress.runs):
         build_levels(study, configs, bank_root(runs_root()), cores)
     return _run(folder, study, cores, jobs, console)
-
-
-def calibrate(folder: StudyFolder, study: Study, cores: int, console: Console) -> dict[Cell, Rate]:
-    """What runs take, measured; of what nothing is known yet, by short runs, as many at once as there are cores.
-
-    Raises:
-        Failed: a short run failed, and what is wrong with it is wrong with the study's.
-        KeyboardInterrupt: somebody asked to stop.
-    """
-    place, short = StudyFolder(folder.calibration), calibration_of(study)
-    forget_others(place, configurations(short, cores))
-    progress = Looking(folder, study).look()
-    rates = measured(folder, progress)
-    jobs = [run for run in planned_runs(short) if run[:2] not in rates]
-    if not jobs:
-        return rates
-    place.runs.mkdir(parents=True, exist_ok=True)
-    build_levels(short, configurations(short, cores), bank_root(runs_root()), cores)
-    mind = _run(place, short, cores, jobs, console)
-    if mind.failures:
-        run, reason = next(iter(mind.failures.items()))
-        raise Failed(f"a short run of {run.name} failed: {reason}")
-    if mind.stopping:
-        raise KeyboardInterrupt
-    return measured(folder, progress)
-
-
-def forget_others(place: StudyFolder, configs: Mapping[PlannedRun, RunConfig]) -> None:
-    """Delete short runs of a study that was described otherwise then."""
-    for run, config in configs.items():
-        found = RunFolder(place.run(run))
-        if found.config_file.exists() and found.config().science != config.science and not living(found):
-            shutil.rmtree(found.path)
 
 
 def _run(folder: StudyFolder, study: Study, cores: int, jobs: Sequence[Job], console: Console) -> Dispatcher:

@@ -50,6 +50,8 @@ class Actor:
 
     def run(self) -> None:
         """Serve until asked to stop."""
+        mix = self._context.config.mix
+        self._player.get_ready(self._serves if self._serves in mix else next(iter(mix)))  # as the learner does now
         while not self._context.stopping.asked:
             self._beat("waiting for work")
             answer = self._ask()

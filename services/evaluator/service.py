@@ -92,6 +92,7 @@ class Evaluator:
                 self._file.sync()
                 self._done.add((episode, level))
                 self._context.bus.publish(keys.EVALUATION_ROWS, row)
+                self._beat("evaluating", now=True)  # the run may be complete
                 log.info("checkpoint %d on %s: %.4f", episode, level, row.normalised_return)
 
     def _score(self, episode: int, level: str, weights_digest: str) -> EvaluationRow:
@@ -129,5 +130,5 @@ class Evaluator:
             raise Stopped
         self._beat("evaluating")
 
-    def _beat(self, state: str) -> None:
-        self._context.heartbeat.beat(state, lambda: EvaluatorReport(evaluations=len(self._file.rows)))
+    def _beat(self, state: str, *, now: bool = False) -> None:
+        self._context.heartbeat.beat(state, lambda: EvaluatorReport(evaluations=len(self._file.rows)), now=now)

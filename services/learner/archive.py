@@ -2,7 +2,6 @@
 
 import json
 import logging
-import platform
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from common import checkpoint
 from common.checkpoint import CheckpointError, Tensors
 from common.config import RunConfig, config_of_science
 from common.folder import RunFolder
+from common.machine import processor
 from common.process import Fatal
 from common.records.rows import EpisodeRow
 from common.rows import DamagedRows, RowFile
@@ -138,19 +138,10 @@ def arithmetic() -> str:
             "torch": torch.__version__,
             "numpy": np.__version__,
             "kernels": torch.backends.cpu.get_cpu_capability(),
-            "processor": _processor(),
+            "processor": processor(),
         },
         sort_keys=True,
     )
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor()
-    wanted = ("vendor_id", "cpu family", "model\t", "model name")
-    return "; ".join(dict.fromkeys(line.split(":", 1)[1].strip() for line in lines if line.startswith(wanted)))
 
 
 def _file(folder: Path, episode: int) -> Path:

@@ -5,10 +5,12 @@ and no disk, and one core does everything in turn.
 """
 
 import time
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
+from common.checkpoint import Tensors
 from common.config import RunConfig
 from common.levels.supply import LevelSupply
 from common.policy.leased import LeasePlayer
@@ -33,10 +35,11 @@ class Trained(NamedTuple):
 class Alone:
     """Actor and learner of a run in one."""
 
-    def __init__(self, config: RunConfig) -> None:
+    def __init__(self, config: RunConfig, levels: LevelSupply | None = None) -> None:
+        """Levels come from the generator, unless a supply is given."""
         self._config = config
         self._chooser = chooser_of(config)
-        self._player = LeasePlayer(config, LevelSupply(config.world.levels), self._chooser)
+        self._player = LeasePlayer(config, levels or LevelSupply(config.world.levels), self._chooser)
         self._trainer = build_trainer(config.rule, learning_of(config))
         self._desk: Desk[None] = Desk(Schedule.of(config), config.world.n_features)
         self._desk.actor_came(NAME, NAME)
@@ -44,7 +47,20 @@ class Alone:
 
     def run(self) -> list[Trained]:
         """All episodes, in the order in which they were trained."""
-        begun, rows = time.perf_counter(), []
+        return list(self.train())
+
+    @property
+    def version(self) -> int:
+        """How many fragments have been trained."""
+        return self._desk.ledger.version
+
+    def weights(self) -> Tensors:
+        """Those after the last fragment."""
+        return self._weights[self.version]
+
+    def train(self) -> Iterator[Trained]:
+        """One episode after another, each when it is trained."""
+        begun = time.perf_counter()
         request = LeaseRequest(actor=NAME, incarnation=NAME, serves="any", kept=np.zeros((0, 2), np.int64))
         while not self._desk.ledger.finished:
             self._desk.ask(None, request, 0.0)
@@ -59,8 +75,7 @@ class Alone:
                 self._weights.pop(version - self._config.lag - 2, None)
                 if episode is not None:
                     seconds = time.perf_counter() - begun
-                    rows.append(Trained(episode.digest, episode.steps, episode.decisions, seconds))
-        return rows
+                    yield Trained(episode.digest, episode.steps, episode.decisions, seconds)
 
     def _act(self, lease: Lease) -> Fragment:
         self._chooser.load(self._weights[lease.weights_version])

@@ -1,17 +1,33 @@
 """railctl levels: the bank of generated levels, pictures, recordings, and levels from and for flatland-rl."""
 
-import typer
+from deploy.verbs import Verb, group
 
-from deploy.commands.levels.build import build
-from deploy.commands.levels.exchange import export, import_
-from deploy.commands.levels.list import list_
-from deploy.commands.levels.show import show
-from deploy.commands.levels.verify import verify
-
-app = typer.Typer(help="List, build, show, verify, import and export levels.", no_args_is_help=True)
-app.command("list")(list_)
-app.command()(build)
-app.command()(verify)
-app.command()(show)
-app.command("import")(import_)
-app.command()(export)
+app = group(
+    "List, build, show, verify, import and export levels.",
+    {
+        "list": Verb(
+            "deploy.commands.levels.list:list_",
+            "List the levels that runs can be given: those that ship, and those of a run file.",
+        ),
+        "build": Verb(
+            "deploy.commands.levels.build:build",
+            "Generate levels ahead of time, for all runs; goes on where an earlier build was stopped.",
+        ),
+        "verify": Verb(
+            "deploy.commands.levels.verify:verify",
+            "Check the bank, or replay the recorded episodes of a file under the rules of flatland 2.2.2.",
+        ),
+        "show": Verb(
+            "deploy.commands.levels.show:show",
+            "Draw a level: rails, trains with their headings, targets and shortest ways.",
+        ),
+        "import": Verb(
+            "deploy.commands.levels.exchange:import_",
+            "Gather levels of flatland-rl's files or .npz files in one .npz file.",
+        ),
+        "export": Verb(
+            "deploy.commands.levels.exchange:export",
+            "Write levels to a file, for other programs or for flatland-rl's own tools.",
+        ),
+    },
+)

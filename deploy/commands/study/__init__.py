@@ -1,14 +1,27 @@
 """railctl study: many runs that are compared: what they will take, carrying them out, how far they are, the report."""
 
-import typer
+from deploy.verbs import Verb, group
 
-from deploy.commands.study.plan import plan
-from deploy.commands.study.report import report
-from deploy.commands.study.run import run
-from deploy.commands.study.status import status
-
-app = typer.Typer(help="Plan, run, watch and report on studies: many runs that are compared.", no_args_is_help=True)
-app.command()(plan)
-app.command()(run)
-app.command()(status)
-app.command()(report)
+app = group(
+    "Plan, run, watch and report on studies: many runs that are compared.",
+    {
+        "plan": Verb(
+            "deploy.commands.study.plan:plan",
+            "Say how many runs and levels a study needs, and the hours and the disk, measured on its runs or without.",
+        ),
+        "run": Verb(
+            "deploy.commands.study.run:run",
+            "Train, evaluate and report on all that a study compares; "
+            "killed or stopped at any time, it goes on from there.",
+        ),
+        "status": Verb(
+            "deploy.commands.study.status:status",
+            "Show how many runs of each contender on each level are done, running, waiting or failed, "
+            "and the time left.",
+        ),
+        "report": Verb(
+            "deploy.commands.study.report:report",
+            "Make a study's report anew, of whatever has been done of it.",
+        ),
+    },
+)

@@ -21,8 +21,8 @@ MAIN = typer.main.get_command(app)
 def commands(command=MAIN, path=()):
     """Every command by its words: (), ("up",), ("levels",), ("levels", "build"), ..."""
     yield path, command
-    for name, child in getattr(command, "commands", {}).items():
-        yield from commands(child, (*path, name))
+    for name in getattr(command, "commands", {}):
+        yield from commands(command.imported(name), (*path, name))
 
 
 COMMANDS = dict(commands())
@@ -53,6 +53,12 @@ def unknown(words):
         options = {name for parameter in command.params for name in parameter.opts} | {"-h", "--help"}
         wrong += [word for word in words if re.match("--?[a-z]", word) and word.partition("=")[0] not in options]
     return wrong
+
+
+@pytest.mark.parametrize("group", [command for command in COMMANDS.values() if hasattr(command, "commands")])
+def test_a_groups_help_says_of_its_commands_what_they_say_of_themselves(group):
+    for name, named in group.commands.items():
+        assert named.help == group.imported(name).help.split("\n\n")[0].replace("\n", " ")
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from common import checkpoint
-from common.folder import RunFolder
 from common.interpreter import PYTHON
 from common.locks import sole
 from common.strict import ConfigError
@@ -20,7 +19,6 @@ from deploy.launch import (
     LOOPBACK,
     check_existing,
     check_machine,
-    draw_curve,
     free_port,
     fresh_name,
     new_run,
@@ -309,24 +307,3 @@ def test_actors_asked_for_when_taking_over_are_wanted(run, supervisor):
     cluster = json.loads(run.cluster_file.read_text())
     assert cluster["actors"] == {"easy": 3}
     assert cluster["endpoint"] == endpoint  # what lives stays reachable
-
-
-# The curve
-
-
-def ended(code, stdout="", stderr=""):
-    """A `subprocess.run` that runs nothing."""
-    return lambda command, **_: subprocess.CompletedProcess(command, code, stdout, stderr)
-
-
-@pytest.mark.parametrize(
-    ("stderr", "reason"), [("Traceback\nValueError: no rows\n", "ValueError: no rows"), ("", "no reason given")]
-)
-def test_a_curve_that_cannot_be_drawn_says_why(run, monkeypatch, stderr, reason):
-    monkeypatch.setattr(subprocess, "run", ended(1, stderr=stderr))
-    assert failure(draw_curve, run) == f"the curve could not be drawn: {reason}"
-
-
-def test_a_curve_has_a_path(run, monkeypatch):
-    monkeypatch.setattr(subprocess, "run", ended(0, stdout="runs/one/curve.png\n"))
-    assert draw_curve(RunFolder(Path("runs/one"))) == Path("runs/one/curve.png")

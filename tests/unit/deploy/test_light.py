@@ -30,5 +30,15 @@ def test_the_command_line_imports_nothing_heavy(code):
     assert imported_by(code) == []
 
 
+@pytest.mark.parametrize("arguments", [["--help"], ["levels", "--help"], ["nosuch"]])
+def test_help_imports_no_verb(arguments):
+    code = f"from typer.testing import CliRunner; from deploy.cli import app; CliRunner().invoke(app, {arguments})"
+    loaded = (
+        "print(*(name for name in sys.modules if name.startswith(('deploy.commands.', 'common.', 'numpy', 'zenoh'))))"
+    )
+    done = subprocess.run([*PYTHON, "-c", f"import sys; {code}; {loaded}"], capture_output=True, text=True, check=True)
+    assert done.stdout.split() in ([], ["deploy.commands.levels"])
+
+
 def test_what_is_heavy_is_noticed():
     assert imported_by("import scipy.special") == ["scipy"]

@@ -1,5 +1,7 @@
 """How far a study is, from folders made by hand; and what is expected of the rest."""
 
+import json
+
 import pytest
 
 from analysis.study import FinalEvaluation, PlannedRun, Study, StudyFolder
@@ -7,10 +9,10 @@ from common.folder import RunFolder
 from common.locks import sole
 from deploy.study.described import save_study
 from deploy.study.estimate import (
+    MESSAGES_S,
     SCORING_STARTS_S,
     STARTING_S,
     Rate,
-    calibration_of,
     measured,
     run_seconds,
     seconds_left,
@@ -30,8 +32,8 @@ STUDY = Study.model_validate(
     }
 )
 RATES = {
-    ("dqn", "easy"): Rate(episode_s=2.0, level_s=0.01, run_bytes=10, source="run"),
-    ("ppo", "easy"): Rate(episode_s=1.0, level_s=0.03, run_bytes=20, source="run"),
+    ("dqn", "easy"): Rate(episode_s=2.0, level_s=0.01, run_bytes=10, source="run", episodes=30),
+    ("ppo", "easy"): Rate(episode_s=1.0, level_s=0.03, run_bytes=20, source="run", episodes=30),
 }
 
 
@@ -100,20 +102,21 @@ def test_what_is_done_is_read_once(folder, made_run):
 
 
 def test_rates_are_those_of_a_run_that_is_over_or_of_the_short_one(folder, made_run):
-    short = calibration_of(STUDY)
-    assert (short.seeds, short.episodes, short.references) == ((1,), 30, ())
-    calibration = StudyFolder(folder.calibration)
-    for name in ("dqn", "ppo"):
-        made_run(calibration, short, PlannedRun(name, "easy", 1), 10, "finished")
-    made_run(folder, STUDY, PlannedRun("ppo", "easy", 2), 30, "finished")
+    short = {"made_of": "", "episode_s": 1.0, "episodes": 5, "fragments": 10, "level_s": 0.2, "run_bytes": 7}
+    folder.calibration.write_text(json.dumps({f"{name}-easy-1": short for name in ("dqn", "ppo")}))
+    over = made_run(folder, STUDY, PlannedRun("ppo", "easy", 2), 30, "finished")
     made_run(folder, STUDY, PlannedRun("dqn", "easy", 2), 20, "stopped")  # is not over
     rates = measured(folder, Looking(folder, STUDY).look())
-    assert {cell: (rate.episode_s, rate.level_s, rate.source) for cell, rate in rates.items()} == {
-        ("dqn", "easy"): (2.0, 0.1, "calibration"),
-        ("ppo", "easy"): (2.0, 0.1, "run"),
+    rows = over.episodes_file.stat().st_size  # nothing else was made
+    assert rates == {
+        ("dqn", "easy"): Rate(1.0 + 10 * MESSAGES_S, 0.2, 7, "calibration", 5),
+        ("ppo", "easy"): Rate(2.0, 0.1, rows, "run", 30),
     }
-    rows = (folder.calibration / "runs" / "dqn-easy-1" / "episodes.jsonl").stat().st_size
-    assert rates["dqn", "easy"].run_bytes == rows * 3  # of three times as many episodes; nothing else was made
+
+
+def test_figures_that_cannot_be_read_are_none(folder):
+    folder.calibration.write_text('{"dqn-easy-1": {"episode_s": "fast"}}')
+    assert measured(folder, Looking(folder, STUDY).look()) == {}
 
 
 def test_of_what_was_never_measured_nothing_is_known(folder):

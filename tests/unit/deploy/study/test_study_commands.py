@@ -10,14 +10,18 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from analysis.study import PlannedRun, Study, StudyFolder
+from common.interpreter import PYTHON
 from common.locks import sole
+from deploy import task
 from deploy.cli import app
+from deploy.study import calibration
+from deploy.study.calibration import REST_BYTES, ROWS_BYTES
 from deploy.study.described import configurations, save_study
 from deploy.study.dispatcher import Dispatcher, Ended
+from deploy.study.estimate import MESSAGES_S
 from deploy.study.levels import missing_levels
 from deploy.study.runner import Runner
 from deploy.study.view import StudyView
-from deploy.study.work import forget_others
 
 GIVEN = {
     "name": "made",
@@ -88,14 +92,14 @@ def test_a_plan_adds_up(folder, railctl, made_run, tmp_path):
     document = json.loads(railctl("plan", "made", "--cores", "1", "--json"))
     [cell] = document["cells"]
     assert (cell["episode_s"], cell["measured_on"]) == (2.0, "run")
-    assert cell["run_s"] == pytest.approx(10 + 30 * 2 + 4 + 60 * 0.1)
+    assert cell["run_s"] == pytest.approx(6 + 30 * 2 + 4 + 60 * 0.1)
     assert document["expected_s"] == pytest.approx(cell["run_s"] + 4 + 60 * 0.1)  # one is trained, and not scored
     assert document["disk_bytes"] == 2 * cell["run_bytes"]
     assert document["levels_to_generate"] == {"easy": 2 * 30 + 60}
     said = railctl("plan", "made", "--cores", "1")
     assert "made: 1 contenders x 1 levels x 2 seeds = 2 runs of 30 episodes, 0 done" in said
     assert "levels to generate: 120 easy" in said
-    assert "expected: 1:30 on 1 cores" in said
+    assert "expected: 1:26 on 1 cores" in said
     assert "dqn" in said
 
 
@@ -109,7 +113,7 @@ def test_status_shows_what_there_is(folder, railctl, made_run):
     folder.evaluation(FIRST).write_text("{}")
     made_run(folder, STUDY, SECOND, 7, "failed")
     lines = railctl("status", "made").splitlines()
-    assert lines[0].startswith("made: 1 of 2 runs done, 1 failed, 37 of 60 episodes, 1:06 left")
+    assert lines[0].startswith("made: 1 of 2 runs done, 1 failed, 37 of 60 episodes, 1:02 left")
     assert lines[2].split() == ["dqn", "easy", "1/2", "-", "-", "1", "37"]
     assert lines[3:] == [
         "references: 0 of 1 scored",
@@ -118,15 +122,53 @@ def test_status_shows_what_there_is(folder, railctl, made_run):
     ]
 
 
-def test_short_runs_of_another_description_are_forgotten(folder, made_run):
-    place = StudyFolder(folder.calibration)
-    kept, other = (made_run(place, STUDY, run, 5) for run in (FIRST, SECOND))
-    text = other.config_file.read_text()
-    assert "hidden:\n  - 128" in text
-    other.config_file.write_text(text.replace("hidden:\n  - 128", "hidden:\n  - 64"))
-    forget_others(place, configurations(STUDY, 1))
-    assert kept.path.exists()
-    assert not other.path.exists()
+MEASURER = """
+import json, sys
+from pathlib import Path
+runs = json.loads(Path(sys.argv[1]).read_text())["runs"]
+print(json.dumps({"progress": {}}))
+figures = {"episode_s": 1.0, "episodes": 5, "fragments": 2.0, "level_s": 0.1, "checkpoint_bytes": 100}
+print(json.dumps({name: figures for name in runs}))
+"""
+
+
+@pytest.fixture
+def measurer(monkeypatch):
+    """Has another program stand for the one that measures."""
+
+    def use(code=MEASURER):
+        monkeypatch.setattr(task, "run_module", lambda _module, *arguments: [*PYTHON, "-c", code, *arguments])
+
+    use()
+    return use
+
+
+def test_what_was_measured_is_kept_until_the_description_changes(folder, railctl, measurer):
+    first = json.loads(railctl("plan", "made", "--cores", "1", "--json"))
+    [cell] = first["cells"]
+    assert (first["measured_now"], cell["measured_on"], cell["measured_episodes"]) == (1, "calibration", 5)
+    assert cell["episode_s"] == pytest.approx(1.0 + 2 * MESSAGES_S)
+    assert cell["run_bytes"] == 30 * ROWS_BYTES + 100 + REST_BYTES
+    measurer("raise SystemExit('measured again')")
+    again = railctl("plan", "made", "--cores", "1")
+    assert "measured: 0 now, 1 kept from before" in again
+    assert "5 episodes" in again
+    kept = folder.calibration.read_text()
+    folder.calibration.write_text(kept.replace('"made_of": "', '"made_of": "x'))
+    assert railctl("plan", "made", "--cores", "1", code=1).endswith("a short run failed: measured again\n")
+
+
+@pytest.mark.parametrize("change", [{"cores": 2}, {"processor": "another"}, {"dqn": {"batch_size": 8}}])
+def test_figures_of_something_else_are_measured_anew(folder, measurer, monkeypatch, change):
+    console = Console(file=io.StringIO())
+    config = configurations(STUDY, 1)[FIRST]
+    assert calibration.measure(folder, {FIRST: config}, 1, console) == {FIRST.name}
+    assert calibration.measure(folder, {FIRST: config}, 1, console) == set()
+    if "processor" in change:
+        monkeypatch.setattr(calibration, "processor", lambda: change["processor"])
+    if "dqn" in change:
+        config = configurations(STUDY.model_copy(update={"settings": change}), 1)[FIRST]
+    assert calibration.measure(folder, {FIRST: config}, change.get("cores", 1), console) == {FIRST.name}
 
 
 class Heard:

@@ -255,7 +255,7 @@ def test_what_a_killed_learner_left_half_written_goes(folder):
 def test_other_arithmetic_ends_exactness_and_says_where(folder, monkeypatch, caplog):
     trained(folder, 5, snapshots=(5,))
     with monkeypatch.context() as elsewhere:
-        elsewhere.setattr(archive_module, "_processor", lambda: "another processor")
+        elsewhere.setattr(archive_module, "processor", lambda: "another processor")
         archive = Archive(folder, config())
         assert archive.resume() is not None
     assert archive.exact_until == 5

@@ -1,0 +1,57 @@
+"""Groups of verbs, each imported when it is given: a help page or a quick verb does not wait for what others need."""
+
+import importlib
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import typer
+from typer.core import TyperGroup
+
+
+class Verb(NamedTuple):
+    """What a help page says of a verb, and where it is: a function, or the `Typer` of a group, as `module:name`."""
+
+    place: str
+    line: str
+
+
+class Verbs(TyperGroup):
+    """A group whose `commands` know only their names and lines, until one of them is given."""
+
+    verbs: Mapping[str, Verb]
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+        """The command that is given, in full."""
+        name, _, rest = super().resolve_command(ctx, args)
+        return name, None if name is None else self.imported(name), rest
+
+    def imported(self, name: str) -> Any:
+        """A command in full."""
+        module, _, attribute = self.verbs[name].place.partition(":")
+        found = getattr(importlib.import_module(module), attribute)
+        if not isinstance(found, typer.Typer):
+            app = _app()
+            app.command(name)(found)
+            return typer.main.get_command(app)
+        return typer.main.get_command(found)
+
+
+def group(text: str, verbs: Mapping[str, Verb]) -> typer.Typer:
+    """A group of verbs and what its help page says of it."""
+    app = _app(
+        cls=type("Verbs", (Verbs,), {"verbs": verbs}),
+        help=text,
+        no_args_is_help=True,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    for name, verb in verbs.items():
+        app.command(name, help=verb.line)(_only_named)
+    return app
+
+
+def _app(**settings: Any) -> typer.Typer:
+    return typer.Typer(add_completion=False, pretty_exceptions_enable=False, **settings)
+
+
+def _only_named() -> None:
+    """Stands for a verb that is not imported."""

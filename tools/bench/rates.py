@@ -1,0 +1,78 @@
+"""python -m tools.bench.rates FILE: what runs take in one process without messages, for `railctl study plan`.
+
+FILE holds {"bank": folder of generated levels, "runs": {name: configuration}} in JSON. Of each run episodes are trained
+for a third of a second, then a few levels are scored. The result has for each name `episode_s`, how many
+`episodes` that comes from, `fragments` an episode, `level_s`, and `checkpoint_bytes`.
+"""
+
+import json
+import sys
+import time
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from common.config import RunConfig, parse_config
+from common.levels.supply import LevelSupply
+from common.policy.determinism import deterministic_torch
+from common.policy.player import Acting, Players, chooser_of, play
+from common.task import Teller, carry_out, say
+from tools.bench.alone import Alone
+
+WARM_UP = 2  # episodes that do not count
+COUNTED_S = 0.3  # of training, at least
+COUNTED = 3  # episodes, at least
+LEVELS = 5  # scored, the first of which does not count
+
+
+def rates(config: RunConfig, bank: Path) -> dict[str, float]:
+    """What a run takes."""
+    supply = LevelSupply(config.world.levels, bank, base=Path())
+    alone = Alone(config, supply)
+    episodes = alone.train()
+    for _ in islice(episodes, min(WARM_UP, config.episodes - 1)):
+        pass
+    begun, before, count = time.perf_counter(), alone.version, 0
+    for _ in episodes:
+        count += 1
+        took_s = time.perf_counter() - begun
+        if took_s >= COUNTED_S and count >= COUNTED:
+            break
+    weights = alone.weights()
+    return {
+        "episode_s": took_s / count,
+        "episodes": count,
+        "fragments": (alone.version - before) / count,
+        "level_s": level_seconds(config, supply, weights),
+        "checkpoint_bytes": sum(array.nbytes for array in weights.values()),
+    }
+
+
+def level_seconds(config: RunConfig, supply: LevelSupply, weights: dict[str, Any]) -> float:
+    """What scoring a network on a level takes, as the first of a run's mix."""
+    network = chooser_of(config)
+    network.load(weights)
+    name = next(iter(config.mix))
+    player = Players(config, network).of(name)
+    greedy = config.evaluation.mode == "greedy"
+    levels = min(LEVELS, config.evaluation.levels)
+    begun = time.perf_counter()
+    for index in range(levels):
+        if index == 1:
+            begun = time.perf_counter()
+        play(player, supply.evaluation(name, index), Acting(network, greedy=greedy))
+    return (time.perf_counter() - begun) / max(1, levels - 1)
+
+
+def main() -> None:
+    deterministic_torch()
+    asked = json.loads(Path(sys.argv[1]).read_text())
+    teller, found = Teller("measured"), {}
+    for number, (name, data) in enumerate(asked["runs"].items(), start=1):
+        found[name] = rates(parse_config(data), Path(asked["bank"]))
+        teller.tell(number, len(asked["runs"]))
+    say(found)
+
+
+if __name__ == "__main__":
+    carry_out(main, ValueError)
