@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Generic, TypeVar
 
@@ -40,19 +41,36 @@ class NoAnswer(Exception):  # noqa: N818  (an outcome, not an error: the caller 
     """Nobody answered, or the one who did sent nothing usable; the text says which."""
 
 
+@dataclass
+class Traffic:
+    """What has come and gone: messages, whatever their kind, and the bytes of their bodies, `size`."""
+
+    messages: int = 0
+    size: int = 0
+
+    def counted(self, body: bytes) -> bytes:
+        """Count a message; returns its body."""
+        self.messages += 1
+        self.size += len(body)
+        return body
+
+
 class Question(Generic[A, B]):
     """A question that waits for its one answer; it may be kept and answered later."""
 
-    def __init__(self, query: Any, service: Service[A, B], key: str, request: A) -> None:
+    def __init__(self, query: Any, service: Service[A, B], key: str, request: A, traffic: Traffic) -> None:
         self._query = query
         self._service = service
         self._key = key
+        self._traffic = traffic
         self.request = request
 
     def answer(self, record: B) -> None:
         """Send the answer and end the question."""
         try:
-            self._query.reply(self._key, encode(record), encoding=encoding_of(self._service.answer))
+            self._query.reply(
+                self._key, self._traffic.counted(encode(record)), encoding=encoding_of(self._service.answer)
+            )
         except zenoh.ZError as error:
             log.warning("an answer on %s did not go out: %s", self._service.key, error)
         self.drop()
@@ -77,6 +95,7 @@ class Bus:
         self._inbox = inbox or Inbox()
         self._closed = False
         self.refused = 0
+        self.traffic = Traffic()
         self._dispatcher: threading.Thread | None = None
         if inbox is None:
             self._dispatcher = threading.Thread(target=self._dispatch, name="bus", daemon=True)
@@ -95,7 +114,7 @@ class Bus:
         try:
             self._session.put(
                 self._key(topic.key),
-                encode(record),
+                self.traffic.counted(encode(record)),
                 encoding=encoding_of(topic.record),
                 congestion_control=zenoh.CongestionControl.BLOCK,
             )
@@ -107,7 +126,7 @@ class Bus:
 
         def take(sample: Any) -> None:
             try:
-                record = decode(topic.record, str(sample.encoding), sample.payload.to_bytes())
+                record = decode(topic.record, str(sample.encoding), self.traffic.counted(sample.payload.to_bytes()))
             except Refused as reason:
                 self._refuse(topic.key, reason)
             else:
@@ -120,14 +139,14 @@ class Bus:
         key = self._key(service.key)
 
         def take(query: Any) -> None:
-            body = b"" if query.payload is None else query.payload.to_bytes()
+            body = self.traffic.counted(b"" if query.payload is None else query.payload.to_bytes())
             try:
                 request = decode(service.request, str(query.encoding), body)
             except Refused as reason:
                 self._refuse(service.key, reason)
                 _refuse(query, service.key, str(reason))
             else:
-                on_question(Question(query, service, key, request))
+                on_question(Question(query, service, key, request, self.traffic))
 
         self._declared.append(self._session.declare_queryable(key, self._in_order(take), complete=True))
 
@@ -145,7 +164,7 @@ class Bus:
                 self._key(service.key),
                 # Without a thread in between, which takes milliseconds to start, for each question.
                 zenoh.handlers.Callback(replies.put, drop=lambda: replies.put(None), indirect=False),
-                payload=encode(request),
+                payload=self.traffic.counted(encode(request)),
                 encoding=encoding_of(service.request),
                 timeout=timeout_s,
             )
@@ -158,7 +177,8 @@ class Bus:
             text = reply.err.payload.to_bytes()[:MAX_REASON_BYTES].decode(errors="replace")
             raise NoAnswer(f"{service.key}: {text}")
         try:
-            return decode(service.answer, str(reply.ok.encoding), reply.ok.payload.to_bytes())
+            body = self.traffic.counted(reply.ok.payload.to_bytes())
+            return decode(service.answer, str(reply.ok.encoding), body)
         except Refused as reason:
             self._refuse(service.key, reason)
             raise NoAnswer(f"{service.key}: {reason}") from None

@@ -57,7 +57,7 @@ class Learner:
             self._config.world.n_features,
             Start(self._archive.snapshot, self._archive.version, self._account.steps, fragments),
         )
-        self._telemetry = Telemetry(context.folder, self._archive.snapshot)
+        self._telemetry = Telemetry(context.folder, self._archive.snapshot, context.bus.traffic)
         self._ended: OpenEpisode | None = None  # trained, but its row and files are still due
         self._paused = context.folder.paused_file.exists()
 

@@ -2,15 +2,18 @@
 
 The event files are written where the optional extra `tensorboard` is installed. Times are wall-clock seconds of an
 episode: `acting_s` and `actor_waited_s` (for its leases) as its actors measure, `learning_s`, `publishing_s` and
-`learner_waited_s` (for something to learn from) of the learner.
+`learner_waited_s` (for something to learn from) of the learner. `messages` and `message_bytes` are those that came to
+the learner or left it.
 """
 
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib.util import find_spec
 from typing import Any
 
+from common.bus import Traffic
 from common.folder import RunFolder
 from common.process import Fatal
 from common.records.rows import MetricRow
@@ -22,8 +25,10 @@ SUMS = ("updates", "transitions", "learning_s", "publishing_s", "learner_waited_
 class Telemetry:
     """The metrics of a run, from its newest snapshot on."""
 
-    def __init__(self, folder: RunFolder, episodes: int) -> None:
+    def __init__(self, folder: RunFolder, episodes: int, traffic: Traffic) -> None:
         """Open the files and forget the rows of episodes from number `episodes` on: they are trained again.
+
+        `traffic` is the learner's, counted on elsewhere.
 
         Raises:
             Fatal: the row file is damaged.
@@ -35,6 +40,7 @@ class Telemetry:
         self._rows.cut(sum(row.episode < episodes for row in self._rows.rows))
         self._events = _event_writer(folder, episodes)
         self._noted: dict[str, list[float]] = {}
+        self._traffic, self._before = traffic, replace(traffic)
         self._idle_since = time.perf_counter()
 
     @contextmanager
@@ -65,7 +71,10 @@ class Telemetry:
             "fragments": float(len(self._noted["learning_s"])),
             "acting_s": acting_s,
             "actor_waited_s": waited_s,
+            "messages": float(self._traffic.messages - self._before.messages),
+            "message_bytes": float(self._traffic.size - self._before.size),
         }
+        self._before = replace(self._traffic)
         self._noted = {}
         self._rows.append(MetricRow(episode=episode, metrics={name: round(v, 7) for name, v in metrics.items()}))
         if self._events is not None:

@@ -35,6 +35,10 @@ from tools.bench.processes import Watch
 ALGORITHMS = ("dqn", "ddqn", "dddqn", "drqn", "ppo", "ppor", "sil")
 NAME = "bench"
 LAGS = (0, 3)
+SPENT = (
+    *("learning_s", "publishing_s", "learner_waited_s", "acting_s", "fragments"),
+    *("messages", "message_bytes"),
+)
 WARM_UP = 10  # one in so many episodes
 COLUMNS = (  # of the table: title, field, and how it is written
     ("start s", "start_s", ".1f"),
@@ -49,6 +53,8 @@ COLUMNS = (  # of the table: title, field, and how it is written
     ("waiting", "waiting", ".0%"),
     ("acting ms", "acting_ms", ".2f"),
     ("beyond ms", "beyond_ms", ".2f"),
+    ("messages", "messages", ".1f"),
+    ("kB", "kilobytes", ".1f"),
     ("CPU ms/episode", "cpu_ms", ".0f"),
     ("MiB", "memory_mib", ".0f"),
 )
@@ -68,6 +74,7 @@ class Row:
         learning, publishing, waiting: shares of the learner's time.
         acting_ms: that actors act a fragment; under a lag while the learner learns.
         beyond_ms: a fragment's wall time beyond learning: at lag 0 acting, messages, and waiting for the processor.
+        messages, kilobytes: a fragment, to and from the learner, heartbeats and rows among them, weights not.
         cpu_ms: processor time of all processes, an episode.
         memory_mib: of all processes, the peak of the sum; what they share counts once.
     """
@@ -85,6 +92,8 @@ class Row:
     waiting: float
     acting_ms: float
     beyond_ms: float
+    messages: float
+    kilobytes: float
     cpu_ms: float
     memory_mib: float
 
@@ -131,10 +140,7 @@ def run_cluster(algorithm: str, level: str, lag: int, episodes: int) -> Row:
     took = rows[-1].trained_unix_s - rows[warm].trained_unix_s
     took_alone = alone[-1].at_s - alone[warm].at_s
     counted = rows[warm + 1 :]
-    spent = {
-        name: sum(row.metrics[name] for row in metrics[warm + 1 :])
-        for name in ("learning_s", "publishing_s", "learner_waited_s", "acting_s", "fragments")
-    }
+    spent = {name: sum(row.metrics[name] for row in metrics[warm + 1 :]) for name in SPENT}
     steps = sum(row.steps for row in counted)
     figures = {
         "start_s": rows[0].trained_unix_s - began,
@@ -149,6 +155,8 @@ def run_cluster(algorithm: str, level: str, lag: int, episodes: int) -> Row:
         "waiting": spent["learner_waited_s"] / took,
         "acting_ms": 1e3 * spent["acting_s"] / spent["fragments"],
         "beyond_ms": 1e3 * (took - spent["learning_s"]) / spent["fragments"],
+        "messages": spent["messages"] / spent["fragments"],
+        "kilobytes": 1e-3 * spent["message_bytes"] / spent["fragments"],
         "cpu_ms": 1e3 * watch.cpu_s / episodes,
         "memory_mib": watch.peak_bytes / 2**20,
     }

@@ -7,7 +7,9 @@ import subprocess
 import threading
 import time
 import uuid
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from dataclasses import replace
 from queue import SimpleQueue
 
 import numpy as np
@@ -15,7 +17,8 @@ import pytest
 import zenoh
 
 from common import bus as bus_module
-from common.bus import NoAnswer, open_bus, open_router
+from common.bus import NoAnswer, Traffic, open_bus, open_router
+from common.inbox import Inbox
 from common.interpreter import PYTHON
 from common.records.acting import Weights
 from common.records.control import CommandAnswer, Empty
@@ -126,6 +129,31 @@ def test_published_messages_arrive_once_and_in_order(buses):
         talker.publish(NUMBERS, number(value))
     assert [arrived.get(timeout=PATIENCE_S).first for _ in range(200)] == list(range(200))
     assert arrived.empty()
+
+
+def test_a_loop_may_take_what_arrives_from_an_inbox_of_its_own(endpoint, namespace, buses):
+    _, talker = buses
+    inbox, handled = Inbox(), []
+    with open_bus(endpoint, namespace, PATIENCE_S, inbox) as listener, ThreadPoolExecutor() as pool:
+        listener.subscribe(NUMBERS, lambda record: handled.append((record.first, threading.current_thread())))
+        introduced = pool.submit(introduce, listener, talker)
+        while not introduced.done():
+            inbox.take(0.01)
+        talker.publish(NUMBERS, number(7))
+        while not handled:
+            inbox.take(PATIENCE_S)
+    assert handled == [(7, threading.current_thread())]
+
+
+def test_messages_and_bytes_are_counted_at_both_ends(buses):
+    listener, talker = buses
+    listener.serve(ECHO, echo)
+    introduce(listener, talker)
+    before = replace(listener.traffic), replace(talker.traffic)
+    answer = talker.ask(ECHO, number(5), PATIENCE_S)
+    size = len(encode(number(5))) + len(encode(answer))
+    for bus, earlier in zip((listener, talker), before, strict=True):
+        assert bus.traffic == Traffic(earlier.messages + 2, earlier.size + size)
 
 
 def test_large_arrays_arrive_bit_for_bit(buses):

@@ -8,6 +8,7 @@ import pytest
 from made_episodes import answer_to, edited
 
 from common import checkpoint
+from common.bus import Traffic
 from common.config import parse_config
 from common.folder import RunFolder
 from common.inbox import Inbox
@@ -42,6 +43,7 @@ class Wire:
     """The bus of a learner that a test talks to directly; what it says waits in the inbox."""
 
     refused = 0
+    traffic = Traffic()
 
     def __init__(self):
         self.inbox = Inbox()

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from common.bus import Traffic
 from common.folder import RunFolder
 from common.process import Fatal
 from services.learner.telemetry import Telemetry
@@ -27,8 +28,13 @@ def rows(folder):
 
 def test_counts_are_summed_and_all_else_is_averaged_over_the_fragments_that_tell_it(tmp_path):
     folder = RunFolder(tmp_path)
-    telemetry = Telemetry(folder, 0)
+    traffic = Traffic()
+    traffic.counted(b"before")
+    telemetry = Telemetry(folder, 0, traffic)
+    traffic.counted(b"four")
+    traffic.counted(b"")
     told(telemetry, 0, {"updates": 1.0, "loss": 2.0}, {"updates": 0.0}, {"updates": 3.0, "loss": 4.0})
+    traffic.counted(b"six...")
     told(telemetry, 1, {"updates": 0.0})
     telemetry.close()
     first, second = rows(folder)
@@ -37,17 +43,19 @@ def test_counts_are_summed_and_all_else_is_averaged_over_the_fragments_that_tell
     assert (metrics["updates"], metrics["loss"], metrics["fragments"]) == (4.0, 3.0, 3.0)
     assert (metrics["acting_s"], metrics["actor_waited_s"]) == (0.5, 0.25)
     assert min(metrics["learning_s"], metrics["publishing_s"], metrics["learner_waited_s"]) >= 0
+    assert (metrics["messages"], metrics["message_bytes"]) == (2.0, 4.0)
+    assert (second["metrics"]["messages"], second["metrics"]["message_bytes"]) == (1.0, 6.0)
     assert "loss" not in second["metrics"]
     assert second["metrics"]["fragments"] == 1.0
 
 
 def test_what_is_trained_again_is_told_again_and_only_once(tmp_path):
     folder = RunFolder(tmp_path)
-    before = Telemetry(folder, 0)
+    before = Telemetry(folder, 0, Traffic())
     for episode in range(5):
         told(before, episode, {"loss": float(episode)})
     before.close()
-    after = Telemetry(folder, 3)
+    after = Telemetry(folder, 3, Traffic())
     told(after, 3, {"loss": 33.0})
     after.close()
     assert [(row["episode"], row["metrics"]["loss"]) for row in rows(folder)] == [
@@ -62,12 +70,12 @@ def test_a_damaged_file_is_fatal_and_named(tmp_path):
     folder = RunFolder(tmp_path)
     folder.metrics_file.write_text("nonsense\n")
     with pytest.raises(Fatal, match=r"metrics\.jsonl line 1"):
-        Telemetry(folder, 0)
+        Telemetry(folder, 0, Traffic())
 
 
 def test_event_files_hold_the_metrics_for_tensorboard(tmp_path):
     folder = RunFolder(tmp_path)
-    telemetry = Telemetry(folder, 0)
+    telemetry = Telemetry(folder, 0, Traffic())
     for episode in range(3):
         told(telemetry, episode, {"loss": episode / 2})
     telemetry.close()
