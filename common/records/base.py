@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Annotated, Any, Literal, Self
+from types import UnionType
+from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,8 +52,10 @@ class Array:
 class Record(BaseModel):
     """A strict message: no unknown field, no coercion, no non-finite number.
 
-    A shape letter stands for one length, also in the records that this one is made of.
+    A shape letter stands for one length, also in the records that this one is made of: `lengths`.
     """
+
+    __slots__ = ("lengths",)
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, arbitrary_types_allowed=True, defer_build=True
@@ -73,32 +76,48 @@ class Record(BaseModel):
 
     @model_validator(mode="after")
     def _letters_agree(self) -> Self:
-        _agree(self, "", {})
+        # What is below has checked itself, and is not walked through again but for the text of an error.
+        lengths: dict[str, int] = {}
+        own, below = _letters(type(self))
+        for field, lettered in own:
+            shape = getattr(self, field).shape
+            for at, letter in lettered:
+                if lengths.setdefault(letter, shape[at]) != shape[at]:
+                    _say_where(self, "", {})
+        for field in below:
+            record = getattr(self, field)
+            for letter, length in () if record is None else record.lengths.items():
+                if lengths.setdefault(letter, length) != length:
+                    _say_where(self, "", {})
+        object.__setattr__(self, "lengths", lengths)
         return self
 
 
 @cache
-def _letters(record_type: type[Record]) -> list[tuple[str, list[tuple[int, str]] | None]]:
-    """Of each field the dimensions that have a letter; None: it is no array. Those without letters are left out."""
-    plan: list[tuple[str, list[tuple[int, str]] | None]] = []
-    for name in record_type.model_fields:
-        spec = record_type.arrays().get(name)
-        dims = () if spec is None else spec.dims or ()
-        if spec is None or dims:
-            lettered = [(at, letter) for at, letter in enumerate(dims) if isinstance(letter, str)]
-            plan.append((name, None if spec is None else lettered))
-    return plan
+def _letters(record_type: type[Record]) -> tuple[list[tuple[str, list[tuple[int, str]]]], list[str]]:
+    """The array fields with those of their dimensions that have a letter, and the fields that are records or None."""
+    own = [
+        (name, [(at, letter) for at, letter in enumerate(spec.dims or ()) if isinstance(letter, str)])
+        for name, spec in record_type.arrays().items()
+    ]
+    below = [name for name, info in record_type.model_fields.items() if _is_record(info.annotation)]
+    return [(name, lettered) for name, lettered in own if lettered], below
 
 
-def _agree(record: Record, path: str, seen: dict[str, int]) -> None:
-    values = record.__dict__
-    for field, lettered in _letters(type(record)):
-        value = values[field]
-        if lettered is None:
-            if isinstance(value, Record):
-                _agree(value, f"{path}{field}.", seen)
+def _is_record(annotation: Any) -> bool:
+    choices = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
+    return any(isinstance(choice, type) and issubclass(choice, Record) for choice in choices)
+
+
+def _say_where(record: Record, path: str, seen: dict[str, int]) -> None:
+    """Raises ValueError for the first dimension, in the order of the fields, that is not what its letter was before."""
+    for field in type(record).model_fields:
+        value = getattr(record, field)
+        if isinstance(value, Record):
+            _say_where(value, f"{path}{field}.", seen)
             continue
-        for at, letter in lettered:
-            size = value.shape[at]
-            if seen.setdefault(letter, size) != size:
-                raise ValueError(f"{path}{field}: dimension {letter} is {size} here and {seen[letter]} before")
+        spec = record.arrays().get(field)
+        for at, letter in enumerate(spec.dims or () if spec else ()):
+            if isinstance(letter, str) and seen.setdefault(letter, value.shape[at]) != value.shape[at]:
+                size, before = value.shape[at], seen[letter]
+                raise ValueError(f"{path}{field}: dimension {letter} is {size} here and {before} before")

@@ -102,7 +102,7 @@ def test_a_policy_is_scored_as_in_its_run(scored, write_checkpoint, tmp_path):
     config = resolve({"algorithm": "ppo", "seed": 7, "evaluation": {"levels": 4}})
     path = tmp_path / "weights.safetensors"
     write_checkpoint(path, config.learning.network, seed=1, science=json.dumps(config.science))
-    beats = SimpleNamespace(beat=lambda *_: None)
+    beats = SimpleNamespace(beat=lambda *_, **__: None)
     place = SimpleNamespace(
         config=config, folder=RunFolder(tmp_path), heartbeat=beats, stopping=SimpleNamespace(asked=False)
     )
