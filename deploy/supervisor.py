@@ -126,6 +126,7 @@ class Supervisor:
         self._limits = limits
         self._connected = False
         self._last_connected = 0.0
+        self._learner_came = False
 
     def on(self, event: Event, now: float) -> list[Order]:
         """What to do about an event at time `now` (seconds on any steady clock)."""
@@ -154,7 +155,7 @@ class Supervisor:
             return self._next_stage(now)
         orders: list[Order] = []
         for ward in self.wards.values():
-            if ward.state == "waiting" and now >= ward.since:
+            if ward.state == "waiting" and now >= ward.since and self._has_work(ward):
                 orders.append(self._launch(ward, now))
             elif self._overdue(ward, now):
                 orders.append(Kill(ward.spec.name))
@@ -163,6 +164,10 @@ class Supervisor:
                     self._note(f"{ward.spec.name} {silent if self._connected else 'lets nobody connect'}: killed")
                     ward.state, ward.since = "hung", now
         return orders
+
+    def _has_work(self, ward: Ward) -> bool:
+        """An evaluator has none before the learner has come, whose start it would only slow down."""
+        return ward.spec.role != "evaluator" or self._learner_came
 
     def _overdue(self, ward: Ward, now: float) -> bool:
         if ward.state == "ending":
@@ -183,6 +188,7 @@ class Supervisor:
 
     def _on_beat(self, process: str, now: float) -> list[Order]:
         if ward := self.wards.get(process):
+            self._learner_came |= ward.spec.role == "learner"
             ward.last_sign = now
             if ward.state == "starting":
                 ward.state, ward.since = "running", now
@@ -191,6 +197,7 @@ class Supervisor:
     def _on_adopted(self, process: str, now: float) -> list[Order]:
         if (ward := self.wards.get(process)) is None:
             return [Kill(process)]  # an actor that nobody wants any more
+        self._learner_came |= ward.spec.role == "learner"
         ward.state, ward.since, ward.last_sign = "running", now, now
         return []
 

@@ -47,9 +47,10 @@ def beats(learner_state="training", evaluations=4, **changes):
 
 def running(counts=None):
     mind = Supervisor(cluster(counts or {"easy": 1, "hard": 1}), Limits(60.0, 5, 120.0))
-    mind.on(Tick(connected=True), 0.0)
-    for name in mind.wards:
-        mind.on(Beat(name), 0.0)
+    for _ in range(2):  # the evaluator starts when the learner has come
+        mind.on(Tick(connected=True), 0.0)
+        for name in mind.wards:
+            mind.on(Beat(name), 0.0)
     return mind
 
 

@@ -38,9 +38,10 @@ def supervisor(counts=None, limits=LIMITS):
 def running(counts=None, limits=LIMITS):
     """A cluster whose processes all run, as of time 0."""
     mind = supervisor(counts, limits)
-    mind.on(HERE, 0.0)
-    for name in mind.wards:
-        mind.on(Beat(name), 0.0)
+    for _ in range(2):  # the evaluator starts when the learner has come
+        mind.on(HERE, 0.0)
+        for name in mind.wards:
+            mind.on(Beat(name), 0.0)
     return mind
 
 
@@ -65,11 +66,28 @@ def states(mind):
 # Starting
 
 
-def test_the_first_tick_launches_everything_the_router_first():
+def test_the_first_tick_launches_everything_but_the_evaluator_the_router_first():
     mind = supervisor({"easy": 2})
-    assert launched(mind.on(AWAY, 5.0)) == ["router", "learner", "evaluator", "actor-easy-0", "actor-easy-1"]
-    assert set(states(mind).values()) == {"starting"}
+    assert launched(mind.on(AWAY, 5.0)) == ["router", "learner", "actor-easy-0", "actor-easy-1"]
+    assert {name for name, state in states(mind).items() if state == "starting"} == set(mind.wards) - {"evaluator"}
     assert mind.on(AWAY, 5.1) == []
+
+
+@pytest.mark.parametrize("event", [Beat("learner"), Adopted("learner")])
+def test_the_evaluator_starts_when_the_learner_has_come(event):
+    mind = supervisor()
+    mind.on(HERE, 0.0)
+    mind.on(Beat("actor-easy-0"), 1.0)
+    assert mind.on(HERE, 1.0) == []
+    mind.on(event, 2.0)
+    assert launched(mind.on(HERE, 2.0)) == ["evaluator"]
+
+
+def test_an_evaluator_that_died_starts_again_whatever_the_learner_does():
+    mind = running()
+    mind.on(died("learner"), 1.0)
+    mind.on(died("evaluator"), 1.0)
+    assert launched(mind.on(HERE, 1.0 + FIRST_BACK_OFF_S)) == ["learner", "evaluator"]
 
 
 def test_a_process_runs_from_its_first_beat_on():
@@ -214,7 +232,7 @@ def test_a_process_that_starts_has_no_less_patience_than_one_that_runs():
     mind = supervisor(limits=Limits(2 * START_PATIENCE_S, 3, 100.0))
     mind.on(HERE, 0.0)
     assert mind.on(HERE, 2 * START_PATIENCE_S) == []
-    assert len(mind.on(HERE, 2 * START_PATIENCE_S + 0.1)) == 4
+    assert len(mind.on(HERE, 2 * START_PATIENCE_S + 0.1)) == 3  # all that have been started
 
 
 def test_a_router_that_lets_nobody_connect_is_killed_in_the_end():
@@ -235,7 +253,7 @@ def test_processes_that_live_are_taken_over_and_the_others_are_started():
     mind = supervisor({"easy": 2})
     for name in ("router", "actor-easy-1"):
         assert mind.on(Adopted(name), 3.0) == []
-    assert launched(mind.on(AWAY, 3.1)) == ["learner", "evaluator", "actor-easy-0"]
+    assert launched(mind.on(AWAY, 3.1)) == ["learner", "actor-easy-0"]
     assert states(mind)["actor-easy-1"] == "running"
     mind.on(died("actor-easy-1", code=None), 4.0)
     assert mind.problems == ["actor-easy-1 died: started again"]

@@ -1,0 +1,51 @@
+"""What processes of a run import until they work: what one has no use for would keep the first episode waiting."""
+
+import subprocess
+
+import pytest
+
+from common.interpreter import PYTHON
+
+RESOLVED = "from deploy.resolve import resolve; config = resolve({'algorithm': ALGORITHM})\n"
+ACTING = """
+from common.levels.supply import LevelSupply
+from common.policy.leased import LeasePlayer
+from common.policy.player import chooser_of
+import services.actor.service, services.evaluator.service
+LeasePlayer(config, LevelSupply(config.world.levels), chooser_of(config)).get_ready("easy")
+"""
+LEARNING = """
+from common.policy.determinism import deterministic_torch
+import services.learner.service
+from services.learner.learning import build_trainer, learning_of
+deterministic_torch()
+build_trainer(config.rule, learning_of(config)).weights()
+"""
+ELSEWHERE = ("flatland", "boto3", "botocore", "pandas", "matplotlib", "networkx", "PIL")
+COMPILERS_OF_TORCH = ("torch._inductor", "torch._dynamo", "sympy")  # that take a second or two
+
+
+def imported(code, names):
+    """Which of these modules a fresh process has when it has run this."""
+    ask = f"import sys\n{code}\nprint(*(name for name in {names} if name in sys.modules))"
+    done = subprocess.run([*PYTHON, "-c", ask], capture_output=True, text=True, check=True)
+    return done.stdout.split()
+
+
+@pytest.mark.parametrize("algorithm", ["dddqn", "ppo"])
+@pytest.mark.parametrize(
+    ("code", "names"),
+    [
+        ("import services.router.__main__", (*ELSEWHERE, "torch", "numba", "scipy")),
+        ("import services.actor.service, services.evaluator.service", (*ELSEWHERE, "torch", "numba", "scipy")),
+        (RESOLVED + ACTING, (*ELSEWHERE, "torch")),
+        (RESOLVED + LEARNING, (*ELSEWHERE, *COMPILERS_OF_TORCH)),
+    ],
+    ids=["router", "imports", "acting", "learning"],
+)
+def test_nobody_imports_what_it_has_no_use_for(code, names, algorithm):
+    assert imported(code.replace("ALGORITHM", repr(algorithm)), names) == []
+
+
+def test_what_is_imported_is_noticed():
+    assert imported("import sympy.core", ("sympy", "torch")) == ["sympy"]
