@@ -37,7 +37,8 @@ class RecurrentQNetwork(nn.Module):
 
     def zero_state(self, batch: int) -> State:
         """The state before the first observation of each of `batch` sequences."""
-        return torch.zeros(batch, self.lstm.hidden_size), torch.zeros(batch, self.lstm.hidden_size)
+        nothing = self.lstm.get_parameter("weight_hh_l0").new_zeros(batch, self.lstm.hidden_size)
+        return nothing, nothing
 
     def forward(self, observation: Tensor, state: State | None = None) -> tuple[Tensor, State]:
         """Run along sequences.

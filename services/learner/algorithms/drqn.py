@@ -21,7 +21,7 @@ from torch import Tensor
 
 from common.policy.recurrent import build_recurrent_network
 from common.rules.drqn import Settings
-from services.learner.algorithms.dqn import Dqn
+from services.learner.fused.drqn import FusedDrqn
 from services.learner.learning import Learning
 from services.learner.replay.replay import Replay, Sample
 from services.learner.training import ValueTrainer
@@ -32,7 +32,7 @@ def build(learning: Learning[Settings]) -> ValueTrainer:
     settings = learning.settings
     network = build_recurrent_network(settings.network, learning.n_features, learning.n_actions, learning.seed)
     look = partial(sequences, length=settings.dqn.sequence_decisions)
-    return ValueTrainer(learning, Dqn(settings.dqn, network), look)
+    return ValueTrainer(learning, FusedDrqn(settings.dqn, network), look)
 
 
 def sequences(replay: Replay, sample: Sample, length: int) -> tuple[Tensor, Tensor]:
