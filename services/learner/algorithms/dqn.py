@@ -49,9 +49,9 @@ def build(learning: Learning[ValueSettings]) -> ValueTrainer:
     return ValueTrainer(learning, kind(settings.dqn, network), single_observations)
 
 
-def single_observations(_replay: Replay, sample: Sample) -> tuple[Tensor, Tensor]:
+def single_observations(_replay: Replay, sample: Sample) -> tuple[SparseRows, SparseRows]:
     """What the network sees of a sample: the observations [B, F] before and after each transition."""
-    return sample.columns["observation_tm1"], sample.columns["observation_t"]
+    return sample.rows["observation_tm1"], sample.rows["observation_t"]
 
 
 def q_target(r_t: Tensor, discount_t: Tensor, q_target_t: Tensor) -> Tensor:

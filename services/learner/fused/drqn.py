@@ -34,7 +34,7 @@ class FusedDrqn(Training):
             self._stack.widths,
             self._stack.input_width,
             self._units,
-            len(batch.observation_tm1),
+            tm1.shape[0],
             self.arrays,
             self.seen,
             tm1.starts,
