@@ -70,13 +70,29 @@ class QNetwork(nn.Module):
 
 
 def build_network(config: NetworkConfig, n_features: int, n_actions: int, seed: int) -> QNetwork:
-    """A network whose parameters are a function of `seed` alone; torch's global generator is not touched."""
+    """A network whose parameters are a function of `seed` alone, on every machine.
+
+    Uniform in +-1/sqrt(n_in): PyTorch's own default, there written as Kaiming-uniform (He et al. 2015) with
+    a = sqrt(5), a bound of sqrt(6 / ((1 + a^2) n_in)).
+    """
     network = QNetwork(n_features, n_actions, config)
-    generator = torch.Generator().manual_seed(stream_key(seed, 0, "network"))
+    rng = np.random.Generator(np.random.Philox(key=stream_key(seed, 0, "network")))
     for module in network.modules():  # in the order of definition
         if isinstance(module, nn.Linear):
-            _initialise(module, generator)
+            draw_parameters(module, module.in_features, rng)
     return network
+
+
+def draw_parameters(module: nn.Module, fan: int, rng: np.random.Generator) -> None:
+    """Overwrite the module's parameters, in the order of definition: uniform in +-1/sqrt(fan).
+
+    Torch's own draws differ from one kind of processor to another.
+    """
+    bound = 1 / math.sqrt(fan)
+    with torch.no_grad():
+        for parameter in module.parameters():
+            drawn = bound * (2 * rng.random(tuple(parameter.shape)) - 1)
+            parameter.copy_(torch.tensor(drawn.astype(np.float32)))
 
 
 def export_parameters(network: nn.Module) -> dict[str, NDArray[np.float32]]:
@@ -126,15 +142,3 @@ class _Unset(nn.Linear):
 
     def reset_parameters(self) -> None:
         """Draws nothing."""
-
-
-def _initialise(layer: nn.Linear, generator: torch.Generator) -> None:
-    """Weight, then bias, uniform in +-1/sqrt(n_in).
-
-    PyTorch's own default, there written as Kaiming-uniform (He et al. 2015) with a = sqrt(5): a bound of
-    sqrt(6 / ((1 + a^2) n_in)). It is restated so that another version of torch does not change a run.
-    """
-    bound = 1 / math.sqrt(layer.in_features)
-    with torch.no_grad():
-        layer.weight.uniform_(-bound, bound, generator=generator)
-        layer.bias.uniform_(-bound, bound, generator=generator)

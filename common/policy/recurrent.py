@@ -6,12 +6,12 @@ carries its hidden state from decision to decision, zero at first; training runs
 """
 
 import itertools
-import math
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
-from common.policy.networks import dueling_values, linear_layer
+from common.policy.networks import draw_parameters, dueling_values, linear_layer
 from common.rules.settings import NetworkConfig
 from common.seeding import stream_key
 
@@ -37,7 +37,8 @@ class RecurrentQNetwork(nn.Module):
 
     def zero_state(self, batch: int) -> State:
         """The state before the first observation of each of `batch` sequences."""
-        return torch.zeros(batch, self.lstm.hidden_size), torch.zeros(batch, self.lstm.hidden_size)
+        nothing = self.lstm.get_parameter("weight_hh_l0").new_zeros(batch, self.lstm.hidden_size)
+        return nothing, nothing
 
     def forward(self, observation: Tensor, state: State | None = None) -> tuple[Tensor, State]:
         """Run along sequences.
@@ -57,17 +58,13 @@ class RecurrentQNetwork(nn.Module):
 
 
 def build_recurrent_network(config: NetworkConfig, n_features: int, n_actions: int, seed: int) -> RecurrentQNetwork:
-    """A network whose parameters are a function of `seed` alone: PyTorch's default laws, restated.
+    """A network whose parameters are a function of `seed` alone, on every machine: PyTorch's default laws, restated.
 
     Uniform in +-1/sqrt(n_in) for linear layers, and in +-1/sqrt(width) for the LSTM.
     """
     network = RecurrentQNetwork(n_features, n_actions, config)
-    generator = torch.Generator().manual_seed(stream_key(seed, 0, "recurrent-network"))
-    layers = [*network.hidden, network.value, network.advantage]
-    bounds: list[tuple[nn.Module, int]] = [(network.lstm, config.hidden[0])]
-    bounds += [(layer, layer.in_features) for layer in layers if isinstance(layer, nn.Linear)]
-    with torch.no_grad():
-        for module, fan in bounds:
-            for parameter in module.parameters():
-                parameter.uniform_(-1 / math.sqrt(fan), 1 / math.sqrt(fan), generator=generator)
+    rng = np.random.Generator(np.random.Philox(key=stream_key(seed, 0, "recurrent-network")))
+    draw_parameters(network.lstm, config.hidden[0], rng)
+    for layer in (*network.hidden, network.value, network.advantage):
+        draw_parameters(layer, len(layer.get_parameter("weight")[0]), rng)
     return network

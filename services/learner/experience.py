@@ -9,6 +9,7 @@ from torch import Tensor
 
 from common.rules.replay import ReplayConfig
 from common.seeding import stream_key
+from services.learner.network.sparse import Observations, dense_rows
 from services.learner.replay.replay import Replay
 
 ROWS = ("observation_tm1",)
@@ -21,7 +22,7 @@ class Experience(NamedTuple):
     With each stands what a replay keeps it as.
     """
 
-    observation_tm1: Annotated[Tensor, np.float32]  # [B, F] float32
+    observation_tm1: Annotated[Observations, np.float32]  # [B, F] float32
     action_tm1: Annotated[Tensor, np.int8]  # [B] int64
     return_t: Annotated[Tensor, np.float32]  # [B] float32
     least_return_t: Annotated[Tensor, np.float32]  # [B] float32, if trains that the step limit stopped never arrive
@@ -53,7 +54,8 @@ class ExperienceReplay:
 
     def add(self, new: Experience, priorities: NDArray[np.float64] | None = None) -> None:
         """Append decisions, oldest first; `priorities` [B] are for a prioritised replay."""
-        items = {name: getattr(new, name).numpy().astype(dtype, copy=False) for name, dtype in KEPT_AS.items()}
+        dense = new._replace(observation_tm1=dense_rows(new.observation_tm1))
+        items = {name: getattr(dense, name).numpy().astype(dtype, copy=False) for name, dtype in KEPT_AS.items()}
         self._replay.add(items, priorities)
 
     def sample(self, size: int) -> Drawn:
@@ -61,7 +63,7 @@ class ExperienceReplay:
         rng = np.random.Generator(np.random.Philox(key=stream_key(self._seed, self._draws, "replay")))
         self._draws += 1
         sample = self._replay.sample(size, rng, beta=0.0)
-        return Drawn(Experience(**sample.columns), sample.places)
+        return Drawn(Experience(sample.rows["observation_tm1"], **sample.columns), sample.places)
 
     def reprioritise(self, places: NDArray[np.int64], priorities: NDArray[np.float64]) -> None:
         """Give new priorities [B] to decisions at `places` [B]."""

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from common.policy.networks import export_parameters
 from common.policy.recurrent import RecurrentQNetwork
 from common.rules.values import DqnConfig
+from services.learner.network.sparse import dense_rows
 from services.learner.training import Batch
 
 
@@ -25,9 +26,9 @@ class PlainDqn:
     def update(self, batch: Batch) -> float:
         """One step of Adam, and one of the target network; returns the loss."""
         with torch.no_grad():
-            q_t = action_values(self._target, batch.observation_t)
+            q_t = action_values(self._target, dense_rows(batch.observation_t))
             target = batch.reward_t + batch.discount_t * q_t.max(dim=1).values
-        q_tm1 = action_values(self._network, batch.observation_tm1)
+        q_tm1 = action_values(self._network, dense_rows(batch.observation_tm1))
         taken = q_tm1.gather(1, batch.action_tm1.unsqueeze(1)).squeeze(1)
         loss = (batch.weights * (taken - target) ** 2).mean()
         self._optimizer.zero_grad()

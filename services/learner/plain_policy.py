@@ -17,6 +17,7 @@ from services.learner.algorithms.ppo import (
 )
 from services.learner.algorithms.sil import imitation_policy_loss, imitation_value_loss
 from services.learner.experience import Experience
+from services.learner.network.sparse import dense_rows
 
 
 class PlainPolicy:
@@ -28,7 +29,7 @@ class PlainPolicy:
 
     def update(self, batch: Experience) -> float:
         """One step of `ppo`; returns the loss."""
-        logits, value = self._network(batch.observation_tm1)
+        logits, value = self._network(dense_rows(batch.observation_tm1))
         error = (batch.return_t - value).detach()
         ratio = (log_probability(logits, batch.action_tm1) - batch.log_probability_tm1).exp()
         surrogate = clipped_surrogate(ratio, standardised(error), self._ppo.clip).mean()
@@ -38,7 +39,7 @@ class PlainPolicy:
 
     def imitate(self, batch: Experience, sil: SilConfig) -> float:
         """One step of `sil`; returns the loss."""
-        logits, value = self._network(batch.observation_tm1)
+        logits, value = self._network(dense_rows(batch.observation_tm1))
         gain = (batch.least_return_t - value).detach().clamp(min=0)
         policy_loss = imitation_policy_loss(log_probability(logits, batch.action_tm1), gain).mean()
         return self._descend(policy_loss + sil.value_weight * imitation_value_loss(value, batch.least_return_t).mean())

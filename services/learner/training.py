@@ -17,22 +17,24 @@ from common.rules.replay import UniformReplay
 from common.rules.values import ValueSettings
 from common.seeding import stream_key
 from services.learner.learning import Learning, by_part, means
+from services.learner.network.sparse import Observations
 from services.learner.replay.replay import Replay, Sample
 from services.learner.replay.transitions import COLUMNS, ROWS, TransitionMaker
 
 COUNTERS = ("episodes", "steps", "updates")
 
-Look = Callable[[Replay, Sample], tuple[Tensor, Tensor]]  # what the network sees before and after each transition
+# What the network sees before and after each transition:
+Look = Callable[[Replay, Sample], tuple[Observations, Observations]]
 
 
 class Batch(NamedTuple):
     """B transitions in memory that torch allocated; observations are [B, F], or sequences [L, B, F] that end there."""
 
-    observation_tm1: Tensor
+    observation_tm1: Observations
     action_tm1: Tensor  # [B] int64
     reward_t: Tensor  # [B]
     discount_t: Tensor  # [B]
-    observation_t: Tensor
+    observation_t: Observations
     weights: Tensor  # [B], of each transition's squared error
 
 

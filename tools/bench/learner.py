@@ -25,11 +25,11 @@ from common.rules.policies import PpoConfig
 from common.rules.settings import NetworkConfig
 from common.rules.sil import SilConfig
 from common.rules.values import DqnConfig
-from services.learner.algorithms.dqn import Dqn
 from services.learner.algorithms.ppo import Ppo
 from services.learner.algorithms.sil import Sil
 from services.learner.experience import Experience
 from services.learner.fused.dqn import FusedDqn
+from services.learner.fused.drqn import FusedDrqn
 from services.learner.fused.policy import FusedPolicy
 from services.learner.network.sparse import SparseRows, sparse_rows
 from services.learner.plain_dqn import PlainDqn
@@ -78,7 +78,7 @@ def value_case(name: str, kind: Kind, batch_size: int, target_tau: float | None 
 
     def sides() -> tuple[Learn, Learn]:
         network = build(NetworkConfig(kind=kind, hidden=HIDDEN), N_FEATURES, N_ACTIONS, seed=1)
-        ours = FusedDqn(dqn, network) if isinstance(network, QNetwork) else Dqn(dqn, network)
+        ours = FusedDqn(dqn, network) if isinstance(network, QNetwork) else FusedDrqn(dqn, network)
         theirs = PlainDqn(dqn, network)
         return lambda batch: ours.update(batch).metrics["loss"], theirs.update
 

@@ -6,8 +6,9 @@ reward and a discount. "sample" gives a batch of 150 with all its data; "sample+
 
 cpprb's buffers are the library's own, with its defaults but for the summand of the priorities, which is ours. The plain
 ring is numpy float32 arrays; by priority it draws with `cumsum` and `searchsorted` over the whole ring, as scripts do.
-Ours ends in tensors, theirs in numpy's arrays. Before anything is timed, all must give back what was put in, with the
-importance weights that the paper's formula gives.
+Ours ends in tensors, and in observations without their zeros, as its learner takes them; theirs in numpy's arrays.
+Before anything is timed, all must give back what was put in, with the importance weights that the paper's formula
+gives.
 """
 
 import sys
@@ -28,6 +29,7 @@ from common.rail.normalise import N_FEATURES
 from common.rail.world import N_ACTIONS
 from common.rules.replay import PrioritizedReplay, UniformReplay
 from common.rules.settings import NetworkConfig
+from services.learner.network.sparse import SparseRows, dense_rows
 from services.learner.replay.priorities import ADDED_TO_PRIORITY
 from services.learner.replay.replay import Replay
 from tools.bench.conditions import study_rollouts
@@ -42,7 +44,7 @@ COLUMNS = {"action_tm1": np.int8, "reward_t": np.float32, "discount_t": np.float
 ROWS = ("observation_tm1", "observation_t")
 
 Items = dict[str, NDArray[Any]]
-Drawn = tuple[NDArray[Any], Mapping[str, Any], Any]  # arrays, or tensors
+Drawn = tuple[NDArray[Any], Mapping[str, Any], Any]  # arrays, tensors, or sparse rows
 
 
 class Contender(Protocol):
@@ -67,8 +69,8 @@ class Ours:
         self.replay.add(items)
 
     def sample(self) -> Drawn:
-        columns, weights, places = self.replay.sample(BATCH, self._rng, BETA)
-        return places, columns, weights
+        columns, rows, weights, places = self.replay.sample(BATCH, self._rng, BETA)
+        return places, {**columns, **rows}, weights
 
     def update(self, places: NDArray[Any], priorities: NDArray[np.float64]) -> None:
         self.replay.reprioritise(places, priorities)
@@ -163,6 +165,11 @@ def drawn(items: Items, count: int, rng: np.random.Generator) -> Items:
     return {name: array[chosen] for name, array in items.items()}
 
 
+def plain(column: Any) -> NDArray[Any]:
+    """A column of what was drawn as an array."""
+    return np.asarray(dense_rows(column) if isinstance(column, SparseRows) else column)
+
+
 def fill(contender: Contender, items: Items, capacity: int, *, prioritized: bool) -> None:
     """Fill a ring with the same transitions and priorities every time.
 
@@ -178,7 +185,7 @@ def fill(contender: Contender, items: Items, capacity: int, *, prioritized: bool
     if prioritized:
         contender.update(np.arange(capacity), priorities)
     places, columns, importance = contender.sample()
-    data, weights = {name: np.asarray(column) for name, column in columns.items()}, np.asarray(importance)
+    data, weights = {name: plain(column) for name, column in columns.items()}, np.asarray(importance)
     by_reward = {float(reward): row for reward, row in zip(items["reward_t"], items["observation_t"], strict=True)}
     expected = np.array([by_reward[reward] for reward in data["reward_t"].reshape(-1).tolist()])
     if not np.array_equal(data["observation_t"], expected):

@@ -35,8 +35,8 @@ from services.learner.algorithms.shapes import check_shapes
 from services.learner.fused.dqn import FusedDqn
 from services.learner.learning import Learning
 from services.learner.network.adam import Adam
+from services.learner.network.modules import ModuleValues
 from services.learner.network.sparse import SparseRows, sparse_rows
-from services.learner.network.values import value_network
 from services.learner.replay.replay import Replay, Sample
 from services.learner.training import Batch, Update, ValueTrainer
 
@@ -49,9 +49,9 @@ def build(learning: Learning[ValueSettings]) -> ValueTrainer:
     return ValueTrainer(learning, kind(settings.dqn, network), single_observations)
 
 
-def single_observations(_replay: Replay, sample: Sample) -> tuple[Tensor, Tensor]:
+def single_observations(_replay: Replay, sample: Sample) -> tuple[SparseRows, SparseRows]:
     """What the network sees of a sample: the observations [B, F] before and after each transition."""
-    return sample.columns["observation_tm1"], sample.columns["observation_t"]
+    return sample.rows["observation_tm1"], sample.rows["observation_t"]
 
 
 def q_target(r_t: Tensor, discount_t: Tensor, q_target_t: Tensor) -> Tensor:
@@ -117,7 +117,7 @@ def soft_update(target: Tensor, online: Tensor, tau: float) -> None:
 
 
 class Dqn:
-    """Trains a copy of any network of action values, a batch at a time; for a `QNetwork`, `FusedDqn` is faster.
+    """Trains a copy of any network of action values, a batch at a time; what `fused` knows learns faster there.
 
     Attributes:
         online: what is trained.
@@ -126,8 +126,8 @@ class Dqn:
 
     def __init__(self, config: DqnConfig, network: nn.Module) -> None:
         self._config = config
-        self.online = value_network(network)
-        self.target = self.online if config.target_tau is None else value_network(network)
+        self.online = ModuleValues(network)
+        self.target = self.online if config.target_tau is None else ModuleValues(network)
         self._adam = Adam(self.online.parameters, config.learning_rate)
 
     def update(self, batch: Batch) -> Update:

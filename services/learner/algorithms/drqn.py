@@ -16,13 +16,13 @@ transitions, prioritised or not. The length is ours, the text gives none.
 
 from functools import partial
 
-import torch
-from torch import Tensor
+import numpy as np
 
 from common.policy.recurrent import build_recurrent_network
 from common.rules.drqn import Settings
-from services.learner.algorithms.dqn import Dqn
+from services.learner.fused.drqn import FusedDrqn
 from services.learner.learning import Learning
+from services.learner.network.sparse import SparseRows
 from services.learner.replay.replay import Replay, Sample
 from services.learner.training import ValueTrainer
 
@@ -32,10 +32,20 @@ def build(learning: Learning[Settings]) -> ValueTrainer:
     settings = learning.settings
     network = build_recurrent_network(settings.network, learning.n_features, learning.n_actions, learning.seed)
     look = partial(sequences, length=settings.dqn.sequence_decisions)
-    return ValueTrainer(learning, Dqn(settings.dqn, network), look)
+    return ValueTrainer(learning, FusedDrqn(settings.dqn, network), look)
 
 
-def sequences(replay: Replay, sample: Sample, length: int) -> tuple[Tensor, Tensor]:
+def sequences(replay: Replay, sample: Sample, length: int) -> tuple[SparseRows, SparseRows]:
     """What the network sees of a sample: sequences [L, B, F] that end before and after each transition."""
     tm1 = replay.histories(sample.places, length)
-    return tm1, torch.cat((tm1[1:], sample.columns["observation_t"].unsqueeze(0)))
+    return tm1, moved_on(tm1, sample.rows["observation_t"])
+
+
+def moved_on(x: SparseRows, following: SparseRows) -> SparseRows:
+    """Sequences x [L, B, F] without their first rows, the `following` ones [B, F] behind their last."""
+    batch = following.n_rows
+    first, last, count = x.starts[batch], x.starts[-1], following.starts[-1]
+    starts = np.concatenate((x.starts[batch:] - first, following.starts[1:] + (last - first)))
+    columns = np.concatenate((x.columns[first:last], following.columns[:count]))
+    values = np.concatenate((x.values[first:last], following.values[:count]))
+    return SparseRows(x.shape, starts, columns, values)

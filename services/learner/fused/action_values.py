@@ -63,6 +63,67 @@ def follow(target: _Floats, online: _Floats, share: np.float32) -> None:
         target[i] += share * (online[i] - target[i])
 
 
+@bare_kernel
+def pick(sums: _Floats, dueling: bool, q: _Floats, picked: _Ints) -> None:
+    """Fill `picked` [B] with the best actions by a head's outputs [B, W], flat; `q` [A] is overwritten."""
+    width = len(sums) // len(picked)
+    for row in range(len(picked)):
+        action_values(sums[row * width : (row + 1) * width], dueling, q)
+        picked[row] = best(q)
+
+
+@bare_kernel
+def score(
+    sums: _Floats, dueling: bool, q: _Floats, double: bool, picked: _Ints, reward_t: _Floats, discount_t: _Floats,
+    targets: _Floats,
+) -> None:  # fmt: skip
+    """Fill `targets` [B] from a head's outputs [B, W], flat: of the actions `picked` if `double`, else of the best."""
+    width = len(sums) // len(targets)
+    for row in range(len(targets)):
+        action_values(sums[row * width : (row + 1) * width], dueling, q)
+        action = picked[row] if double else best(q)
+        targets[row] = reward_t[row] + discount_t[row] * q[action]
+
+
+@bare_kernel
+def err(
+    sums: _Floats, dueling: bool, q: _Floats, action_tm1: _Ints, targets: _Floats, weights: _Floats, by_sums: _Floats,
+    error_sizes: _Floats, metrics: NDArray[np.float64],
+) -> bool:  # fmt: skip
+    """From a head's outputs [B, W], flat, to the loss's gradient by them; returns whether the loss is finite."""
+    rows = len(action_tm1)
+    width = len(sums) // rows
+    loss: Any = 0.0
+    total: Any = 0.0
+    size: Any = 0.0
+    for row in range(rows):
+        action_values(sums[row * width : (row + 1) * width], dueling, q)
+        taken = q[action_tm1[row]]
+        error = taken - targets[row]
+        error_sizes[row] = abs(error)
+        loss += weights[row] * error * error
+        total += taken
+        size += abs(error)
+        by_q = weights[row] * error * np.float32(2.0 / rows)
+        spread_gradient(by_q, action_tm1[row], len(q), dueling, by_sums[row * width : (row + 1) * width])
+    metrics[LOSS], metrics[MEAN_Q], metrics[TD_ERROR] = loss / rows, total / rows, size / rows
+    return math.isfinite(loss)
+
+
+@bare_kernel
+def step(
+    width: int, seen: NDArray[np.bool_], arrays: _Floats, learning_rate: float, tau: np.float32, steps: int,
+    lanes: _Floats, metrics: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """A step of Adam along the gradients, and one of the target network if there is one; `width` as of `descend`."""
+    gradient = arrays[GRADIENT]
+    metrics[NORM] = norm(gradient, lanes)
+    rate, inverse_root = corrections(learning_rate, steps + 1)
+    descend(width, seen, arrays[VALUES], gradient, arrays[MEAN], arrays[SQUARE], np.float32(1), rate, inverse_root)
+    if len(arrays) > TARGET:
+        follow(arrays[TARGET], arrays[VALUES], tau)
+
+
 @kernel
 def update(
     widths: _Ints,
@@ -113,45 +174,21 @@ def update(
         metrics: [4], overwritten; the places are named above.
     """
     rows = len(action_tm1)
-    room, width = room_for(widths, rows), widths[-1]
+    room = room_for(widths, rows)
     tm1, t = (starts_tm1, columns_tm1, values_tm1), (starts_t, columns_t, values_t)
-    sums, by_sums = room.outs[head(widths, rows) :], room.gradients[head(widths, rows) :]
-    online, followed = arrays[VALUES], len(arrays) > TARGET
-    scoring = arrays[TARGET] if followed else online
+    begin, end = head(widths, rows), head(widths, rows) + rows * widths[-1]
+    sums, by_sums = room.outs[begin:end], room.gradients[begin:end]
+    online = arrays[VALUES]
     q, picked, targets = np.empty(n_actions, np.float32), np.empty(rows, np.int64), np.empty(rows, np.float32)
     if double:
         outputs(widths, online, t, rows, False, room)
-        for row in range(rows):
-            action_values(sums[row * width : (row + 1) * width], dueling, q)
-            picked[row] = best(q)
-    outputs(widths, scoring, t, rows, False, room)
-    for row in range(rows):
-        action_values(sums[row * width : (row + 1) * width], dueling, q)
-        action = picked[row] if double else best(q)
-        targets[row] = reward_t[row] + discount_t[row] * q[action]
+        pick(sums, dueling, q, picked)
+    outputs(widths, arrays[TARGET] if len(arrays) > TARGET else online, t, rows, False, room)
+    score(sums, dueling, q, double, picked, reward_t, discount_t, targets)
     mark(starts_tm1, columns_tm1, seen)
     outputs(widths, online, tm1, rows, False, room)
-    loss: Any = 0.0
-    total: Any = 0.0
-    size: Any = 0.0
-    for row in range(rows):
-        action_values(sums[row * width : (row + 1) * width], dueling, q)
-        taken = q[action_tm1[row]]
-        error = taken - targets[row]
-        error_sizes[row] = abs(error)
-        loss += weights[row] * error * error
-        total += taken
-        size += abs(error)
-        by_q = weights[row] * error * np.float32(2.0 / rows)
-        spread_gradient(by_q, action_tm1[row], n_actions, dueling, by_sums[row * width : (row + 1) * width])
-    metrics[LOSS], metrics[MEAN_Q], metrics[TD_ERROR] = loss / rows, total / rows, size / rows
-    if not math.isfinite(loss):
+    if not err(sums, dueling, q, action_tm1, targets, weights, by_sums, error_sizes, metrics):
         return False
-    gradient = arrays[GRADIENT]
-    gradients(widths, online, gradient, tm1, rows, False, room)
-    metrics[NORM] = norm(gradient, room.lanes)
-    rate, inverse_root = corrections(learning_rate, steps + 1)
-    descend(widths, seen, online, gradient, arrays[MEAN], arrays[SQUARE], np.float32(1), rate, inverse_root)
-    if followed:
-        follow(arrays[TARGET], online, tau)
+    gradients(widths, online, arrays[GRADIENT], tm1, rows, False, room)
+    step(widths[1], seen, arrays, learning_rate, tau, steps, room.lanes, metrics)
     return True

@@ -7,7 +7,7 @@ from common.kernel import bare_kernel
 from common.policy.arithmetic import tanh32
 
 _Floats = NDArray[np.float32]
-_ZERO, _ONE = np.float32(0), np.float32(1)
+_ZERO, _ONE, _HALF = np.float32(0), np.float32(1), np.float32(0.5)
 
 
 @bare_kernel
@@ -30,3 +30,9 @@ def differentiate(y: _Floats, smooth: bool, gradient: _Floats) -> None:
     else:
         for i in range(len(y)):
             gradient[i] = gradient[i] if y[i] > _ZERO else _ZERO
+
+
+@bare_kernel
+def sigmoid32(x: np.float32) -> np.float32:
+    """1 / (1 + e^-x) in float32, to 2e-7."""
+    return _HALF * tanh32(_HALF * x) + _HALF

@@ -66,7 +66,7 @@ def learn(
         squared += size * size
         scale = np.float32(limit / size) if size > limit else np.float32(1)
         mean, square = arrays[MEAN, begin:end], arrays[SQUARE, begin:end]
-        descend(widths[part], seen, values, gradient, mean, square, scale, rate, inverse_root)
+        descend(widths[part, 1], seen, values, gradient, mean, square, scale, rate, inverse_root)
     return math.sqrt(squared)
 
 

@@ -1,6 +1,7 @@
 """Action values that are learned in compiled code."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.policy.networks import QNetwork
 from common.rules.values import DqnConfig
@@ -55,7 +56,16 @@ class FusedDqn(Training):
             error_sizes,
             metrics,
         )
-        if not made:
-            raise FloatingPointError(f"the loss is {metrics[0]}: training has diverged, lower dqn.learning_rate")
-        self.steps += 1
-        return Update(error_sizes, dict(zip(METRICS, metrics.tolist(), strict=True)))
+        self.steps += made
+        return updated(made, error_sizes, metrics)
+
+
+def updated(made: bool, error_sizes: NDArray[np.float32], metrics: NDArray[np.float64]) -> Update:
+    """What came of an update, by what compiled code filled in.
+
+    Raises:
+        FloatingPointError: it was not made, for its loss is not finite.
+    """
+    if not made:
+        raise FloatingPointError(f"the loss is {metrics[0]}: training has diverged, lower dqn.learning_rate")
+    return Update(error_sizes, dict(zip(METRICS, metrics.tolist(), strict=True)))

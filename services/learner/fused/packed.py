@@ -1,7 +1,8 @@
 """Where a network's parameters lie in flat arrays of float32, and what training changes of them.
 
 Layer after layer, weights [in, out], then biases [out], every width filled up to a multiple of 16. What fills up is
-zero and stays so: it gets no gradient. The heads over the same hidden layers are one layer, side by side.
+zero and stays so: it gets no gradient. The heads over the same hidden layers are one layer, side by side. An LSTM may
+stand in place of the first layer, see `recurrent`.
 """
 
 import itertools
@@ -13,44 +14,99 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from common.policy.networks import export_tensors, import_tensors
+from common.policy.packing import GATES
 from services.learner.fused.tile import WIDTH
 
 VALUES, GRADIENT, MEAN, SQUARE, TARGET = range(5)  # rows of `Training.arrays`
 
 
 class Packed:
-    """One stack of layers: hidden ones, `hidden`.0 and so on, and heads over the last."""
+    """One stack of layers: hidden ones, `hidden`.0 and so on, and heads over the last.
+
+    Attributes:
+        widths: F, then those of the layers, filled up.
+        length: the number of parameters, with what fills up.
+        input_width: how many weights an input has; those of the inputs come first.
+        first_length: the number of the first layer's parameters.
+    """
 
     def __init__(self, n_features: int, hidden: Mapping[str, Sequence[int]], heads: Mapping[str, int]) -> None:
         """`hidden` holds the widths by the layers' common name; `heads` their widths by theirs."""
         [(self._name, widths)] = hidden.items()
         self._real = (n_features, *widths)
         self._heads = dict(heads)
-        filled = [-(-width // WIDTH) * WIDTH for width in (*widths, sum(heads.values()))]
-        self.widths = np.array([n_features, *filled], np.int64)
-        self.length = int(sum((n_in + 1) * n_out for n_in, n_out in itertools.pairwise(self.widths)))
+        self.widths = np.array([n_features, *map(filled, (*widths, sum(heads.values())))], np.int64)
+        self.input_width = int(self.widths[1])
+        self.first_length = (n_features + 1) * self.input_width
+        self.length = self._length()
 
     def named(self, flat: NDArray[np.float32]) -> dict[str, Tensor]:
         """Views of an array [length], with the names and shapes that the parameters have in the torch network."""
+        found = self._first(flat)
+        start = self.first_length
+        for layer, (n_in, n_out) in enumerate(itertools.pairwise(self.widths[1:]), 1):
+            stop = start + int((n_in + 1) * n_out)
+            found |= self._layer(layer, flat[start:stop])
+            start = stop
+        return found
+
+    def _length(self) -> int:
+        return self.first_length + int(sum((n_in + 1) * n_out for n_in, n_out in itertools.pairwise(self.widths[1:])))
+
+    def _first(self, flat: NDArray[np.float32]) -> dict[str, Tensor]:
+        """Of the first layer."""
+        return self._layer(0, flat[: self.first_length])
+
+    def _layer(self, layer: int, flat: NDArray[np.float32]) -> dict[str, Tensor]:
+        n_in, n_out = self.widths[layer : layer + 2]
+        weight, bias = flat[: n_in * n_out].reshape(n_in, n_out), flat[n_in * n_out :]
         found: dict[str, Tensor] = {}
-        start = 0
-        for layer, (n_in, n_out) in enumerate(itertools.pairwise(self.widths)):
-            weight = flat[start : start + n_in * n_out].reshape(n_in, n_out)
-            bias = flat[start + n_in * n_out : start + (n_in + 1) * n_out]
-            start += int((n_in + 1) * n_out)
-            column = 0
-            for name, width in self._parts(layer).items():
-                part = weight[: self._real[layer], column : column + width].T
-                found[f"{name}.weight"] = torch.from_numpy(part)
-                found[f"{name}.bias"] = torch.from_numpy(bias[column : column + width])
-                column += width
+        column = 0
+        for name, width in self._parts(layer).items():
+            found[f"{name}.weight"] = torch.from_numpy(weight[: self._real[layer], column : column + width].T)
+            found[f"{name}.bias"] = torch.from_numpy(bias[column : column + width])
+            column += width
         return found
 
     def _parts(self, layer: int) -> dict[str, int]:
         """The names and widths of what lies side by side in a layer."""
         if layer == len(self._real) - 1:
             return self._heads
-        return {f"{self._name}.{layer}": self._real[layer + 1]}
+        return {self._named(layer): self._real[layer + 1]}
+
+    def _named(self, layer: int) -> str:
+        return f"{self._name}.{layer}"
+
+
+class PackedRecurrent(Packed):
+    """An LSTM, `lstm`, then a stack whose layers count from there."""
+
+    def __init__(self, n_features: int, hidden: Mapping[str, Sequence[int]], heads: Mapping[str, int]) -> None:
+        """The first of the hidden widths is the LSTM's."""
+        super().__init__(n_features, hidden, heads)
+        self._gates = GATES * self._real[1]
+        self.input_width = filled(self._gates)
+        self.first_length = int(n_features + self.widths[1] + 2) * self.input_width
+        self.length = self._length()
+
+    def _first(self, flat: NDArray[np.float32]) -> dict[str, Tensor]:
+        table = flat[: self.first_length].reshape(-1, self.input_width)[:, : self._gates]
+        n_features, units, end = self._real[0], self._real[1], len(table)
+        parts = {
+            "weight_ih_l0": table[:n_features].T,
+            "weight_hh_l0": table[n_features : n_features + units].T,
+            "bias_ih_l0": table[end - 2],
+            "bias_hh_l0": table[end - 1],
+        }
+        return {f"lstm.{name}": torch.from_numpy(part) for name, part in parts.items()}
+
+    def _named(self, layer: int) -> str:
+        return super()._named(layer - 1)
+
+
+def filled(width: int) -> int:
+    """The least multiple of 16 that holds a width."""
+    return -(-width // WIDTH) * WIDTH
 
 
 class Training:
@@ -99,7 +155,7 @@ class Training:
         self.seen[:] = False
         start = 0
         for stack in self._stacks:
-            first = self.arrays[:, start : start + int(stack.widths[0] * stack.widths[1])]
+            first = self.arrays[:, start : start + int(stack.widths[0]) * stack.input_width]
             by_input = first.reshape(len(self.arrays), len(self.seen), -1)
             self.seen |= (by_input[[MEAN, SQUARE]] != 0).any((0, 2))
             if len(self.arrays) > TARGET:

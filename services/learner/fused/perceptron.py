@@ -32,7 +32,7 @@ class Room(NamedTuple):
         outs: what comes out of the layers [at least 6 rows, width], one behind the other.
         gradients: of the loss with respect to these.
         panel: see `products`.
-        nothing: [16], zeros.
+        nothing: [the widest layer's width], zeros.
         lanes: [64], see `norm`.
     """
 
@@ -58,7 +58,7 @@ def room_for(widths: _Ints, rows: int) -> Room:
         np.empty(size, np.float32),
         np.empty(size, np.float32),
         np.empty(deepest * WIDTH, np.float32),
-        np.zeros(WIDTH, np.float32),
+        np.zeros(widths[1:].max(), np.float32),
         np.empty(LANES, np.float32),
     )
 
@@ -81,19 +81,25 @@ def head(widths: _Ints, rows: int) -> int:
 @bare_kernel
 def outputs(widths: _Ints, parameters: _Floats, x: _Rows, rows: int, smooth: bool, room: Room) -> None:
     """Fill `room.outs`; Tanh between layers if `smooth`, else ReLU."""
-    end, start = 0, 0
-    below = room.outs[:0]
-    for layer in range(1, len(widths)):
+    (starts, columns, values), n_in, n_out = x, widths[0], widths[1]
+    weight, bias = parameters[: n_in * n_out].reshape((n_in, n_out)), parameters[n_in * n_out : (n_in + 1) * n_out]
+    out = room.outs[: rows * n_out]
+    multiply(starts, columns, values, weight, bias, out.reshape((rows, n_out)))
+    activate(out, smooth)
+    upper_outputs(widths, parameters[(n_in + 1) * n_out :], rows, smooth, room)
+
+
+@bare_kernel
+def upper_outputs(widths: _Ints, parameters: _Floats, rows: int, smooth: bool, room: Room) -> None:
+    """Fill `room.outs` but for what comes out of the first layer; `parameters` are those of the others."""
+    end, start = 0, room_rows(rows) * widths[1]
+    below = room.outs[:start]
+    for layer in range(2, len(widths)):
         n_in, n_out = widths[layer - 1], widths[layer]
         biases = end + n_in * n_out
         weight, bias = parameters[end:biases], parameters[biases : biases + n_out]
         out = room.outs[start : start + room_rows(rows) * n_out]
-        if layer == 1:
-            starts, columns, values = x
-            table, sums = weight.reshape((n_in, n_out)), out[: rows * n_out].reshape((rows, n_out))
-            multiply(starts, columns, values, table, bias, sums)
-        else:
-            forward(below, rows, n_in, weight, bias, n_out, out, room.panel)
+        forward(below, rows, n_in, weight, bias, n_out, out, room.panel)
         if layer < len(widths) - 1:
             activate(out[: rows * n_out], smooth)
         below, end, start = out, biases + n_out, start + len(out)
@@ -104,8 +110,24 @@ def gradients(
     widths: _Ints, parameters: _Floats, gradient: _Floats, x: _Rows, rows: int, smooth: bool, room: Room
 ) -> None:
     """From the head's part of `room.gradients` to those of all parameters, after `outputs` of the same batch."""
-    end, stop = length(widths), len(room.outs)
-    for layer in range(len(widths) - 1, 0, -1):
+    (starts, columns, values), n_in, n_out = x, widths[0], widths[1]
+    first = (n_in + 1) * n_out
+    upper_gradients(widths, parameters[first:], gradient[first:], rows, smooth, room)
+    by_out = room.gradients[: rows * n_out]
+    differentiate(room.outs[: rows * n_out], smooth, by_out)
+    sum_rows(by_out, rows, gradient[n_in * n_out : first])
+    by_weight = gradient[: n_in * n_out].reshape((n_in, n_out))
+    accumulate(starts, columns, values, by_out.reshape((rows, n_out)), by_weight)
+
+
+@bare_kernel
+def upper_gradients(widths: _Ints, parameters: _Floats, gradient: _Floats, rows: int, smooth: bool, room: Room) -> None:
+    """From the head's part of `room.gradients` to that of the first layer's outputs.
+
+    And to those of `parameters`, which are the other layers'.
+    """
+    end, stop = len(parameters), len(room.outs)
+    for layer in range(len(widths) - 1, 1, -1):
         n_in, n_out = widths[layer - 1], widths[layer]
         biases = end - n_out
         begin, start = biases - n_in * n_out, stop - room_rows(rows) * n_out
@@ -113,16 +135,10 @@ def gradients(
         if layer < len(widths) - 1:
             differentiate(room.outs[start : start + rows * n_out], smooth, by_out[: rows * n_out])
         sum_rows(by_out, rows, gradient[biases:end])
-        by_weight = gradient[begin:biases]
-        if layer == 1:
-            starts, columns, values = x
-            by_sums, table = by_out[: rows * n_out].reshape((rows, n_out)), by_weight.reshape((n_in, n_out))
-            accumulate(starts, columns, values, by_sums, table)
-        else:
-            before = start - room_rows(rows) * n_in
-            weight_gradient(room.outs[before:start], rows, n_in, by_out, n_out, by_weight, room.panel, room.nothing)
-            by_in = room.gradients[before:start]
-            input_gradient(by_out, rows, n_out, parameters[begin:biases], n_in, by_in, room.panel, room.nothing)
+        before, by_weight, nothing = start - room_rows(rows) * n_in, gradient[begin:biases], room.nothing
+        weight_gradient(room.outs[before:start], rows, n_in, by_out, n_out, nothing, 0, by_weight, room.panel)
+        by_in = room.gradients[before:start]
+        input_gradient(by_out, rows, n_out, parameters[begin:biases], n_in, by_in, room.panel, nothing)
         end, stop = begin, start
 
 
@@ -165,7 +181,7 @@ def mark(starts: _Ints, columns: _Ints, seen: NDArray[np.bool_]) -> None:
 
 @bare_kernel
 def descend(
-    widths: _Ints,
+    width: int,
     seen: NDArray[np.bool_],
     values: _Floats,
     gradient: _Floats,
@@ -175,8 +191,10 @@ def descend(
     rate: np.float32,
     inverse_root: np.float32,
 ) -> None:
-    """A step of Adam, but for weights of inputs that never were `seen` [F]: it would leave them as they are."""
-    width = widths[1]
+    """A step of Adam, but for weights of inputs that never were `seen` [F]: it would leave them as they are.
+
+    `width` is how many weights an input has; those of the inputs come first.
+    """
     for column in range(len(seen)):
         if seen[column]:
             a, b = column * width, (column + 1) * width

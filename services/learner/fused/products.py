@@ -33,15 +33,58 @@ def pack_turned(matrix: _Floats, width: int, row: int, panel: _Floats) -> None:
 
 
 @bare_kernel
+def multiply_panel(
+    x: _Floats,
+    rows: int,
+    n_in: int,
+    panel: _Floats,
+    start: _Floats,
+    start_width: int,
+    column: int,
+    n_out: int,
+    out: _Floats,
+) -> None:
+    """Sixteen columns of `out` [rows, n_out], from `column` on: those of `start`, and x [rows, n_in] times the panel.
+
+    `start` is a matrix of this width, or a vector for all rows, whose `start_width` is 0.
+    """
+    for first in range(0, rows, HEIGHT):
+        row = max(min(first, rows - HEIGHT), 0)
+        begun, place = row * start_width + column, row * n_out + column
+        tile(x, row * n_in, n_in, 1, panel, n_in, start, begun, start_width, out, place, n_out)
+
+
+@bare_kernel
+def pack_panels(matrix: _Floats, n_in: int, n_out: int, panels: _Floats) -> None:
+    """All columns of a matrix [n_in, n_out], panel by panel."""
+    for column in range(0, n_out, WIDTH):
+        pack(matrix, n_out, column, n_in, panels[column * n_in :])
+
+
+@bare_kernel
+def pack_panels_turned(matrix: _Floats, n_in: int, n_out: int, panels: _Floats) -> None:
+    """All rows of a matrix [n_in, n_out], panel by panel."""
+    for row in range(0, n_in, WIDTH):
+        pack_turned(matrix, n_out, row, panels[row * n_out :])
+
+
+@bare_kernel
+def multiply_panels(
+    x: _Floats, rows: int, n_in: int, panels: _Floats, start: _Floats, start_width: int, n_out: int, out: _Floats
+) -> None:
+    """Out [rows, n_out] = x [rows, n_in] times all panels + start, see `multiply_panel`."""
+    for column in range(0, n_out, WIDTH):
+        multiply_panel(x, rows, n_in, panels[column * n_in :], start, start_width, column, n_out, out)
+
+
+@bare_kernel
 def forward(
     x: _Floats, rows: int, n_in: int, weight: _Floats, bias: _Floats, n_out: int, out: _Floats, panel: _Floats
 ) -> None:
     """Out [rows, n_out] = x [rows, n_in] weight [n_in, n_out] + bias [n_out]."""
     for column in range(0, n_out, WIDTH):
         pack(weight, n_out, column, n_in, panel)
-        for first in range(0, rows, HEIGHT):
-            row = max(min(first, rows - HEIGHT), 0)
-            tile(x, row * n_in, n_in, 1, panel, n_in, bias, column, out, row * n_out + column, n_out)
+        multiply_panel(x, rows, n_in, panel, bias, 0, column, n_out, out)
 
 
 @bare_kernel
@@ -51,16 +94,21 @@ def weight_gradient(
     n_in: int,
     by_out: _Floats,
     n_out: int,
+    start: _Floats,
+    start_width: int,
     by_weight: _Floats,
     panel: _Floats,
-    nothing: _Floats,
 ) -> None:
-    """by_weight [n_in, n_out] = x^T by_out, for x [rows, n_in] and by_out [rows, n_out]; `nothing` [16] is zeros."""
+    """by_weight [n_in, n_out] = x^T by_out + start, for x [rows, n_in], by_out [rows, n_out]; see `multiply_panel`.
+
+    `start` is not `by_weight`: its last rows would be added to twice.
+    """
     for column in range(0, n_out, WIDTH):
         pack(by_out, n_out, column, rows, panel)
         for first in range(0, n_in, HEIGHT):
-            place = min(first, n_in - HEIGHT)
-            tile(x, place, 1, n_in, panel, rows, nothing, 0, by_weight, place * n_out + column, n_out)
+            row = min(first, n_in - HEIGHT)
+            begun, place = row * start_width + column, row * n_out + column
+            tile(x, row, 1, n_in, panel, rows, start, begun, start_width, by_weight, place, n_out)
 
 
 @bare_kernel
@@ -74,9 +122,7 @@ def input_gradient(
     panel: _Floats,
     nothing: _Floats,
 ) -> None:
-    """by_x [rows, n_in] = by_out [rows, n_out] weight^T, for weight [n_in, n_out]; `nothing` [16] is zeros."""
+    """by_x [rows, n_in] = by_out [rows, n_out] weight^T, for weight [n_in, n_out]; `nothing` [n_in] is zeros."""
     for column in range(0, n_in, WIDTH):
         pack_turned(weight, n_out, column, panel)
-        for first in range(0, rows, HEIGHT):
-            row = max(min(first, rows - HEIGHT), 0)
-            tile(by_out, row * n_out, n_out, 1, panel, n_out, nothing, 0, by_x, row * n_in + column, n_in)
+        multiply_panel(by_out, rows, n_out, panel, nothing, 0, column, n_in, by_x)

@@ -17,8 +17,8 @@ LANES = 8
 FLOAT32, INT32, INT64 = ir.FloatType(), ir.IntType(32), ir.IntType(64)
 VECTOR = ir.VectorType(FLOAT32, LANES)
 UNALIGNED = 4  # bytes: any float32
-ARRAYS = {"x": 0, "panel": 4, "bias": 6, "out": 8}
-NUMBERS = {"at": 1, "across": 2, "along": 3, "count": 5, "bias_at": 7, "out_at": 9, "out_width": 10}
+ARRAYS = {"x": 0, "panel": 4, "start": 6, "out": 9}
+NUMBERS = {"at": 1, "across": 2, "along": 3, "count": 5, "start_at": 7, "start_width": 8, "out_at": 10, "out_width": 11}
 
 
 def _number(value: int) -> Any:
@@ -40,10 +40,11 @@ def _emit(builder: Any, array: dict[str, Any], number: dict[str, Any]) -> None:
     """The loop over what is multiplied; `array` holds pointers."""
     columns = [_number(first) for first in range(0, WIDTH, LANES)]
     before, body, done = builder.block, builder.append_basic_block("body"), builder.append_basic_block("done")
-    bias = [
-        builder.load(_vector_at(builder, array["bias"], builder.add(number["bias_at"], column)), align=UNALIGNED)
-        for column in columns
-    ]
+    begun = []
+    for r in range(HEIGHT):
+        start = builder.add(number["start_at"], builder.mul(_number(r), number["start_width"]))
+        places = [_vector_at(builder, array["start"], builder.add(start, column)) for column in columns]
+        begun.append([builder.load(place, align=UNALIGNED) for place in places])
     builder.branch(body)
     builder.position_at_end(body)
     k = builder.phi(INT64)
@@ -64,7 +65,7 @@ def _emit(builder: Any, array: dict[str, Any], number: dict[str, Any]) -> None:
     k.add_incoming(following, body)
     for r in range(HEIGHT):
         for j in range(len(columns)):
-            sums[r][j].add_incoming(bias[j], before)
+            sums[r][j].add_incoming(begun[r][j], before)
             sums[r][j].add_incoming(grown[r][j], body)
     builder.cbranch(builder.icmp_signed("<", following, number["count"]), body, done)
     builder.position_at_end(done)
@@ -82,13 +83,14 @@ def _tile(  # noqa: PLR0913  (compiled code takes arrays, not objects that hold 
     along: Any,
     panel: Any,
     count: Any,
-    bias: Any,
-    bias_at: Any,
+    start: Any,
+    start_at: Any,
+    start_width: Any,
     out: Any,
     out_at: Any,
     out_width: Any,
 ) -> Any:
-    given = (x, at, across, along, panel, count, bias, bias_at, out, out_at, out_width)
+    given = (x, at, across, along, panel, count, start, start_at, start_width, out, out_at, out_width)
     wanted = [types.int64 if place in NUMBERS.values() else kind for place, kind in enumerate(given)]
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -102,7 +104,7 @@ def _tile(  # noqa: PLR0913  (compiled code takes arrays, not objects that hold 
     return types.void(*wanted), generate
 
 
-# tile(x, at, across, along, panel, count, bias, bias_at, out, out_at, out_width), of flat float32 arrays: for 6 rows r
-# and 16 columns j, out[out_at + r out_width + j] = bias[bias_at + j] + the sum over k, ascending, of
-# x[at + r across + k along] panel[16 k + j]. Nothing is checked; count is at least 1.
+# tile(x, at, across, along, panel, count, start, start_at, start_width, out, out_at, out_width), of flat arrays of
+# float32: for 6 rows r and 16 columns j, out[out_at + r out_width + j] = start[start_at + r start_width + j] + the sum
+# over k, ascending, of x[at + r across + k along] panel[16 k + j]. Nothing is checked; count is at least 1.
 tile = cast("Callable[..., None]", intrinsic(_tile))

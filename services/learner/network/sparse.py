@@ -25,8 +25,8 @@ class SparseRows(NamedTuple):
     Attributes:
         shape: [..., F], of the tensor that it was; R is the product of all but F.
         starts: [R + 1], where each row begins in the other two.
-        columns: [more than all], in ascending order for each row.
-        values: [more than all].
+        columns: [at least all], in ascending order for each row.
+        values: [at least all].
     """
 
     shape: torch.Size
@@ -39,8 +39,13 @@ class SparseRows(NamedTuple):
         return len(self.starts) - 1
 
 
-def sparse_rows(x: Tensor) -> SparseRows:
-    """The rows of x [..., F] float32, contiguous."""
+Observations = Tensor | SparseRows  # [..., F]
+
+
+def sparse_rows(x: Observations) -> SparseRows:
+    """The rows of x [..., F], a tensor being of float32 and contiguous."""
+    if isinstance(x, SparseRows):
+        return x
     dense = x.numpy().view(np.uint32).reshape(-1, x.shape[-1])
     starts = np.empty(len(dense) + 1, np.int64)
     columns, values = np.empty(dense.size + 1, np.int64), np.empty(dense.size + 1, np.float32)
@@ -48,8 +53,10 @@ def sparse_rows(x: Tensor) -> SparseRows:
     return SparseRows(x.shape, starts, columns, values)
 
 
-def dense_rows(x: SparseRows) -> Tensor:
-    """What `sparse_rows` was given [..., F], but that its minus zeros are zeros."""
+def dense_rows(x: Observations) -> Tensor:
+    """The rows of x [..., F] with their zeros."""
+    if isinstance(x, Tensor):
+        return x
     dense = torch.zeros(x.n_rows, x.shape[-1])
     count = x.starts[-1]
     rows = np.repeat(np.arange(x.n_rows), np.diff(x.starts))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from common.kernel import bare_kernel
 from services.learner.replay.prefetch import prefetch
 from services.learner.replay.priorities import find, weigh
-from services.learner.replay.rows import Words, expand
+from services.learner.replay.rows import Words, unfold
 
 
 @bare_kernel
@@ -25,7 +25,9 @@ def draw(
     starts: NDArray[np.int64],
     words: Words,
     positions: NDArray[Any],
-    rows: Words,
+    row_starts: NDArray[np.int64],
+    row_columns: NDArray[np.int64],
+    row_values: Words,
 ) -> None:
     """Find `places` [B] and `weights` [B] by priority, from `draws` [B], which is overwritten; then as `gather`."""
     find(tree, draws, places)
@@ -33,7 +35,7 @@ def draw(
     for place in places:
         prefetch(numbers, place * n_numbers)
     weigh(tree, places, beta, draws, weights)
-    gather(places, numbers, integers, floats, starts, words, positions, rows)
+    gather(places, numbers, integers, floats, starts, words, positions, row_starts, row_columns, row_values)
 
 
 @bare_kernel
@@ -45,7 +47,9 @@ def gather(
     starts: NDArray[np.int64],
     words: Words,
     positions: NDArray[Any],
-    rows: Words,
+    row_starts: NDArray[np.int64],
+    row_columns: NDArray[np.int64],
+    row_values: Words,
 ) -> None:
     """Write the items at `places` [B] out.
 
@@ -57,7 +61,9 @@ def gather(
         starts: as `RowRing.arrays` has it.
         words: as `RowRing.arrays` has it.
         positions: as `RowRing.arrays` has it.
-        rows: [R, at least B, F], overwritten with the items' first rows.
+        row_starts: as `unfold` has it, with the next two.
+        row_columns: overwritten.
+        row_values: overwritten.
     """
     n_integers, n_floats = len(integers), len(floats)
     for item in range(len(places)):
@@ -66,4 +72,4 @@ def gather(
             integers[column, item] = np.int32(numbers[first + column])
         for column in range(n_floats):
             floats[column, item] = numbers[first + n_integers + column]
-    expand(places, starts, words, positions, rows)
+    unfold(places, starts, words, positions, row_starts, row_columns, row_values)

@@ -15,9 +15,10 @@ from torch import Tensor
 
 from common.kernel import bare_kernel
 from common.rules.replay import PrioritizedReplay, ReplayConfig
+from services.learner.network.sparse import SparseRows
 from services.learner.replay.drawing import draw, gather
 from services.learner.replay.priorities import Priorities
-from services.learner.replay.rows import RowRing
+from services.learner.replay.rows import RowRing, RowsOut
 
 BACK = "back"  # the column that `histories` follows
 ROWS = "rows"  # of a state
@@ -27,15 +28,17 @@ ALIGNED = 16  # items, so that whatever is given out begins with a line of the c
 
 
 class Sample(NamedTuple):
-    """B items in memory that torch allocated, valid until the next sample of the same replay.
+    """B items in memory that is used again, valid until the next sample of the same replay.
 
     Attributes:
-        columns: by name, [B] int64 or float32, rows [B, F] float32.
+        columns: by name, [B] int64 or float32.
+        rows: by name, [B, F].
         weights: [B] float32, the importance weights (1/(N P))^beta divided by the largest; ones if drawn uniformly.
         places: [B], where the items lie, for `reprioritise` and `histories`.
     """
 
     columns: dict[str, Tensor]
+    rows: dict[str, SparseRows]
     weights: Tensor
     places: NDArray[np.int64]
 
@@ -68,7 +71,7 @@ class Replay:
         self._priorities = Priorities(config.capacity, config.alpha) if isinstance(config, PrioritizedReplay) else None
         self._added = 0  # ever, or as many as would have left the ring as it is
         self._make_sample(0)
-        self._histories = torch.empty(0, 0, n_features)
+        self._histories = self._rows.room_for(0, 1)
 
     def __len__(self) -> int:
         return min(self._added, self._capacity)
@@ -110,14 +113,14 @@ class Replay:
             raise ValueError("cannot sample from an empty replay: add something first")
         if len(self._sample.places) != size:
             self._make_sample(size)
-        items = *self._items, *self._rows.arrays, self._rows_out
+        items = *self._items, *self._rows.arrays, *self._rows_out
         if self._priorities:
             places = np.empty(size, np.int64)
             draw(self._priorities.tree, rng.random(size), beta, self._weights_out, places, *items)
         else:
             places = rng.integers(len(self), size=size)
             gather(places, *items)
-        return Sample(self._sample.columns, self._sample.weights, places)
+        return self._sample._replace(places=places)
 
     def reprioritise(self, places: NDArray[np.int64], priorities: NDArray[np.float64]) -> None:
         """Give the items at `places` [B] new priorities, at least 0; the last counts if there are several for one.
@@ -128,7 +131,7 @@ class Replay:
         if self._priorities:
             self._priorities.put(places, priorities)
 
-    def histories(self, places: NDArray[np.int64], length: int) -> Tensor:
+    def histories(self, places: NDArray[np.int64], length: int) -> SparseRows:
         """The last rows of the trains whose items lie at `places` [B], up to these items; of the first row column.
 
         Column `back` says how many items earlier the same train's previous item was added, 0 for none.
@@ -137,12 +140,12 @@ class Replay:
             [L, B, F], zeros in front where a history begins, or what came before has been overwritten; valid until the
             next call.
         """
-        if self._histories.shape[:2] != (length, len(places)):
-            self._histories = torch.empty(length, len(places), self._n_features)
+        if self._histories[0].shape[1] != length * len(places) + 1:
+            self._histories = self._rows.room_for(length * len(places), 1)
         chain = np.empty((length, len(places)), np.int64)
         trace_back(self._columns[BACK], self._oldest, self._capacity, places, chain)
-        self._rows.gather(chain.reshape(-1), _bits(self._histories.numpy()).reshape(1, -1, self._n_features))
-        return self._histories
+        self._rows.gather(chain.reshape(-1), self._histories)
+        return self._row(self._histories, 0, length, len(places))
 
     def metrics(self) -> dict[str, float]:
         """`replay_fill`, a share of the capacity; and `priority_mean` and `priority_max`, to the power of alpha."""
@@ -213,14 +216,19 @@ class Replay:
         room = -(-size // ALIGNED) * ALIGNED
         integers = torch.zeros(len(self._integers), room, dtype=torch.int64)
         floats = torch.zeros(len(self._floats), room)
-        rows = torch.zeros(len(self._row_names), room, self._n_features)
         weights = torch.ones(size)
-        names = *self._integers, *self._floats, *self._row_names
-        columns = {name: tensor[:size] for name, tensor in zip(names, (*integers, *floats, *rows), strict=True)}
-        self._sample = Sample(columns, weights, np.zeros(size, np.int64))
+        names = *self._integers, *self._floats
+        columns = {name: tensor[:size] for name, tensor in zip(names, (*integers, *floats), strict=True)}
+        self._rows_out = self._rows.room_for(size, len(self._row_names))
+        rows = {name: self._row(self._rows_out, number, size) for number, name in enumerate(self._row_names)}
+        self._sample = Sample(columns, rows, weights, np.zeros(size, np.int64))
         self._items = self._numbers.reshape(-1), integers.numpy(), _bits(floats.numpy())
-        self._rows_out = _bits(rows.numpy())
         self._weights_out: NDArray[np.float32] = weights.numpy()
+
+    def _row(self, memory: RowsOut, number: int, *shape: int) -> SparseRows:
+        """The rows [*shape, F] that a row's memory holds."""
+        starts, columns, values = (array[number] for array in memory)
+        return SparseRows(torch.Size((*shape, self._n_features)), starts, columns, values.view(np.float32))
 
 
 def _bits(rows: NDArray[np.float32]) -> NDArray[np.uint32]:

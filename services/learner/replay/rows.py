@@ -22,6 +22,7 @@ AHEAD = 8  # items between the one that is asked for and the one that is written
 Words = NDArray[np.uint32]
 Rows = tuple[Words, ...]  # [B, F] each: the bits of float32
 Arrays = tuple[NDArray[np.int64], Words, NDArray[Any]]
+RowsOut = tuple[NDArray[np.int64], NDArray[np.int64], Words]  # where rows start, columns and values: see `unfold`
 
 
 class RowRing:
@@ -55,15 +56,21 @@ class RowRing:
 
     @property
     def arrays(self) -> Arrays:
-        """What compiled code needs to `expand` rows: where items start, and the arena, as words and as positions.
+        """What compiled code needs to `unfold` rows: where items start, and the arena, as words and as positions.
 
         Valid until the next item is added.
         """
         return self._starts, *self._arena
 
-    def gather(self, places: NDArray[np.int64], out: Words) -> None:
-        """Write the first rows of the items at `places` [B] into `out`, see `expand`; place -1 gives zeros."""
-        expand(places, *self.arrays, out)
+    def gather(self, places: NDArray[np.int64], out: RowsOut) -> None:
+        """Write the first rows of the items at `places` [B] into `out`, see `unfold`; place -1 gives zeros."""
+        unfold(places, *self.arrays, *out)
+
+    def room_for(self, count: int, n_rows: int) -> RowsOut:
+        """Memory for the first `n_rows` rows of so many items."""
+        size = count * self._n_features
+        columns, values = np.empty((n_rows, size), np.int64), np.empty((n_rows, size), np.uint32)
+        return np.zeros((n_rows, count + 1), np.int64), columns, values
 
     def state(self, size: int) -> Words:
         """The items at places 0..size-1, one behind the other."""
@@ -187,26 +194,42 @@ def fetch(place: int, starts: NDArray[np.int64], words: Words) -> None:
 
 
 @bare_kernel
-def expand(
-    places: NDArray[np.int64], starts: NDArray[np.int64], words: Words, positions: NDArray[Any], out: Words
+def unfold(
+    places: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    words: Words,
+    positions: NDArray[Any],
+    out_starts: NDArray[np.int64],
+    out_columns: NDArray[np.int64],
+    out_values: Words,
 ) -> None:
-    """Write the rows at `places` [B] into `out`, [at most rows of an item, at least B, F]; place -1 gives zeros."""
+    """Write down what is not zero in the rows at `places` [B], see `network.sparse`; place -1 has nothing.
+
+    Args:
+        places: [B].
+        starts: as `RowRing.arrays` has it.
+        words: as `RowRing.arrays` has it.
+        positions: as `RowRing.arrays` has it.
+        out_starts: [R, B + 1], overwritten, for the first R rows of an item.
+        out_columns: [R, at least all], overwritten.
+        out_values: [R, at least all], overwritten.
+    """
     for place in places:
         fetch(place, starts, words)  # all at once, before any is waited for
     per_word = 4 // positions.itemsize
+    out_starts[:, 0] = 0
     for item in range(len(places)):
         if item + AHEAD < len(places):
             fetch(places[item + AHEAD], starts, words)  # what is written may have pushed it out of the nearest cache
         start = starts[max(places[item], 0)]
-        for number in range(len(out)):
-            row = out[number, item]
-            row[:] = 0
-            if places[item] >= 0:
-                length = int(np.int64(words[start]))
-                cell = (start + 1 + length) * per_word
-                for value in range(length):
-                    row[positions[cell + value]] = words[start + 1 + value]
-                start += room(length, positions.itemsize)
+        for number in range(len(out_starts)):
+            columns, values, at = out_columns[number], out_values[number], out_starts[number, item]
+            length = int(np.int64(words[start])) if places[item] >= 0 else 0
+            cell = (start + 1 + length) * per_word
+            for value in range(length):
+                columns[at + value], values[at + value] = positions[cell + value], words[start + 1 + value]
+            out_starts[number, item + 1] = at + length
+            start += room(length, positions.itemsize)
 
 
 @bare_kernel

@@ -1,12 +1,7 @@
 """Episodes for tests of the learner: made up at random, by hand, and cut into fragments."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 
-from common.interpreter import PYTHON
 from common.records.acting import Circumstances, Fragment, Lease, Progressed
 from common.records.course import Course, Decisions
 
@@ -150,18 +145,3 @@ def answer_to(lease, *, actor="a", steps=None, over=None, n_features=1, seen=Non
         max_steps=max_steps,
     )
     return fragment_of(lease, course, actor)
-
-
-OLD_PROCESSOR = {"NUMBA_CPU_NAME": "nehalem", "MKL_ENABLE_INSTRUCTIONS": "SSE4_2"}
-
-
-def printed_by_fresh_processes(program, offsets, **changes):
-    """What a test file prints as a program, once for each misalignment of its arrays, in a changed environment."""
-    paths = os.pathsep.join(filter(None, sys.path))
-    environment = os.environ | {"MKL_CBWR": "AUTO,STRICT", "OMP_NUM_THREADS": "1", "PYTHONPATH": paths} | changes
-    results = [
-        subprocess.run([*PYTHON, program, str(offset)], env=environment, capture_output=True, text=True, check=False)
-        for offset in offsets
-    ]
-    assert not any(result.returncode for result in results), results
-    return [result.stdout for result in results]

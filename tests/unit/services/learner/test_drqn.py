@@ -5,7 +5,8 @@ from made_episodes import decided
 
 from common.rules.replay import UniformReplay
 from services.learner.algorithms.drqn import sequences
-from services.learner.replay.replay import Replay, Sample
+from services.learner.network.sparse import dense_rows
+from services.learner.replay.replay import Replay
 from services.learner.replay.transitions import COLUMNS, ROWS, TransitionMaker
 
 
@@ -22,15 +23,11 @@ def test_sequences_are_what_a_train_saw_up_to_a_transition_and_from_one_decision
         ]
         episode = decided(number, decisions, np.full((5, 2), -1), [-1, 4], [seen + 4, 0])
         replay.add(TransitionMaker(0.9).take(episode)[:])
-    sample = replay.sample(1, np.random.default_rng(1))
-    order = [replay.sample(200, np.random.default_rng(2))]
-    found = {}
-    for place in range(len(replay)):
-        row = int(np.flatnonzero(order[0].places == place)[0])
-        columns = {name: tensor[row : row + 1] for name, tensor in order[0].columns.items()}
-        before, after = sequences(replay, Sample(columns, sample.weights, np.array([place])), length=3)
-        assert before.shape == after.shape == (3, 1, 1)
-        found[tuple(before.flatten().tolist())] = after.flatten().tolist()
+    sample = replay.sample(200, np.random.default_rng(2))
+    assert set(sample.places) == set(range(len(replay)))
+    before, after = (dense_rows(x) for x in sequences(replay, sample, length=3))
+    assert before.shape == after.shape == (3, 200, 1)
+    found = {tuple(before[:, row, 0].tolist()): after[:, row, 0].tolist() for row in range(200)}
     assert found == {
         (0, 0, 1): [0, 1, 2],
         (0, 1, 2): [1, 2, 3],

@@ -60,13 +60,13 @@ def in_room(matrix):
 def test_products_are_those_of_the_plain_loop_to_the_bit(rows, k, n, seed):
     rng, n_in, n_out = np.random.default_rng(seed), 16 * k, 16 * n
     x, w, by_out, bias = (numbers(rng, *shape) for shape in ((rows, n_in), (n_in, n_out), (rows, n_out), (n_out,)))
-    panel, nothing = np.empty(16 * 64, np.float32), np.zeros(16, np.float32)
+    panel, nothing = np.empty(16 * 64, np.float32), np.zeros(48, np.float32)
     out, by_x, by_w = (np.zeros((max(ROOM, r), c), np.float32) for r, c in ((rows, n_out), (rows, n_in), w.shape))
     products.forward(in_room(x), rows, n_in, w.reshape(-1), bias, n_out, out.reshape(-1), panel)
     assert out[:rows].tobytes() == added_up(x, w, bias).tobytes()
     products.input_gradient(in_room(by_out), rows, n_out, w.reshape(-1), n_in, by_x.reshape(-1), panel, nothing)
     assert by_x[:rows].tobytes() == added_up(by_out, np.ascontiguousarray(w.T), 0).tobytes()
-    products.weight_gradient(in_room(x), rows, n_in, in_room(by_out), n_out, by_w.reshape(-1), panel, nothing)
+    products.weight_gradient(in_room(x), rows, n_in, in_room(by_out), n_out, nothing, 0, by_w.reshape(-1), panel)
     assert by_w.tobytes() == added_up(np.ascontiguousarray(x.T), by_out, 0).tobytes()
 
 

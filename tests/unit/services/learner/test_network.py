@@ -1,4 +1,4 @@
-"""Layers and their written-out gradients against torch's own, and a step of Adam against torch's."""
+"""Sparse rows, parameters that lie flat, and a step of Adam against torch's."""
 
 import numpy as np
 import pytest
@@ -8,49 +8,12 @@ from hypothesis import strategies as st
 from torch import nn
 
 from common.policy.networks import build_network, linear_layer
-from common.policy.recurrent import build_recurrent_network
 from common.rules.settings import NetworkConfig
 from services.learner.network.adam import Adam
-from services.learner.network.layers import RELU
 from services.learner.network.parameters import LINE, Parameters
 from services.learner.network.sparse import sparse_rows
-from services.learner.network.values import RecurrentValues
 
 F, A = 21, 3
-
-
-def observations(*rows, density=0.2, seed=1):
-    generator = torch.Generator().manual_seed(seed)
-    x = torch.randn(*rows, F, generator=generator)
-    return x * (torch.rand(x.shape, generator=generator) < density)
-
-
-def assert_same_gradients(parameters, network):
-    ours = parameters.named(parameters.flat_gradient)
-    for name, parameter in network.named_parameters():
-        torch.testing.assert_close(ours[name], parameter.grad, rtol=1e-4, atol=1e-6, msg=name)
-
-
-def run_each_from_its_start(network, x, starts):
-    """The last action values [B, A] of sequences that begin at different steps."""
-    return torch.cat([network(x[start:, [row]])[0][-1] for row, start in enumerate(starts)])
-
-
-@pytest.mark.parametrize(("hidden", "length"), [((8, 7), 5), ((9,), 3), ((8, 8), 1)])
-def test_a_recurrent_network_and_its_gradients_are_those_of_torch(hidden, length):
-    network = build_recurrent_network(NetworkConfig(kind="recurrent", hidden=hidden), F, A, seed=1)
-    ours = RecurrentValues(network)
-    starts = [min(start, length - 1) for start in (0, 1, 2, 4)]
-    x = observations(length, len(starts), density=0.6)
-    for row, start in enumerate(starts):
-        x[:start, row] = 0
-        x[start + 1 : start + 2, row] = 0  # nothing seen later on is seen nevertheless
-    theirs = run_each_from_its_start(network, x, starts)
-    torch.testing.assert_close(ours.forward(sparse_rows(x)), theirs.detach(), rtol=1e-5, atol=1e-6)
-    by_q = torch.randn(len(starts), A, generator=torch.Generator().manual_seed(2))
-    theirs.backward(by_q)
-    ours.backward(by_q)
-    assert_same_gradients(ours.parameters, network)
 
 
 @settings(deadline=None)
@@ -77,13 +40,6 @@ def test_parameters_are_a_copy_in_aligned_views():
     parameters.value("q.bias")[:] = 7
     assert (parameters.flat == 7).sum() == A
     assert not (network.q.bias == 7).any()
-
-
-def test_relu_lets_the_gradient_through_where_it_let_the_value_through():
-    x = torch.tensor([[-1.0, 2.0, 0.0]])
-    gradient = torch.tensor([[5.0, 6.0, 7.0]])
-    RELU.differentiate(RELU.apply(x), gradient)
-    assert gradient.tolist() == [[0, 6, 0]]
 
 
 def test_adam_by_hand():

@@ -18,11 +18,11 @@ from services.learner.algorithms.shapes import check_shapes
 from services.learner.algorithms.sil import Sil
 from services.learner.experience import Experience
 from services.learner.fused.dqn import FusedDqn
+from services.learner.fused.drqn import FusedDrqn
 from services.learner.fused.policy import FusedPolicy
 from services.learner.network.modules import ModuleValues
 from services.learner.network.policies import PolicyNetwork
 from services.learner.network.sparse import dense_rows, sparse_rows
-from services.learner.network.values import value_network
 from services.learner.training import Batch
 
 FEATURES, ACTIONS, SIZE = 6, 3, 40
@@ -104,7 +104,7 @@ def test_action_values_are_learned_as_on_the_fast_path(kind, switches):
 def test_sequences_are_learned_as_on_the_fast_path():
     network = build_recurrent_network(NetworkConfig(kind="recurrent", hidden=(16, 8)), FEATURES, ACTIONS, seed=1)
     config = DqnConfig(learning_rate=0.003, batch_size=SIZE, learn_every_steps=1, target_tau=0.1)
-    plain, fast = Dqn(config, Own(network)), Dqn(config, network)
+    plain, fast = Dqn(config, Own(network)), FusedDrqn(config, network)
     for batch in value_batches(10, 4):
         batch.observation_tm1[0] -= 1  # no sequence begins late
         batch.observation_t[0] -= 1
@@ -179,13 +179,7 @@ def test_a_restored_module_goes_on_with_the_same_bits():
 
 def test_a_module_that_keeps_more_than_parameters_is_refused():
     with pytest.raises(ValueError, match="module BatchNorm1d has buffer running_mean: only parameters are kept"):
-        value_network(nn.BatchNorm1d(FEATURES))
-
-
-def test_only_known_networks_take_the_fast_path():
-    network = build_recurrent_network(NetworkConfig(hidden=(4,)), FEATURES, ACTIONS, seed=1)
-    assert not isinstance(value_network(network), ModuleValues)
-    assert isinstance(value_network(Own(network)), ModuleValues)
+        ModuleValues(nn.BatchNorm1d(FEATURES))
 
 
 def test_dense_rows_undo_sparse_ones():

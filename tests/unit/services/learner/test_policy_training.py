@@ -1,13 +1,8 @@
-"""The trainers of policies: what they refuse, that they go on after a restore, that all processes get the same bits.
-
-Run as a program it trains briefly on arrays at a given misalignment and prints hashes of the weights.
-"""
-
-import sys
+"""The trainers of policies: what they refuse, and that they go on after a restore."""
 
 import numpy as np
 import pytest
-from made_episodes import OLD_PROCESSOR, at_offset, edited, make_episode, printed_by_fresh_processes
+from made_episodes import at_offset, edited, make_episode
 from test_training import weights_hash
 
 from common.rules import settings_of
@@ -171,31 +166,3 @@ def test_a_state_that_does_not_fit_is_refused(rule, change, message):
     state = {name: array for name, array in (trainer.state() | change).items() if array is not None}
     with pytest.raises(ValueError, match=message):
         trainer.restore(state)
-
-
-def test_fresh_processes_agree_to_the_bit_at_any_alignment():
-    printed = printed_by_fresh_processes(__file__, (4, 13))
-    assert len(set(printed)) == 1
-    assert len(printed[0].split()) == len(RULES)
-
-
-def test_a_processor_of_another_kind_gives_the_same_bits():
-    assert printed_by_fresh_processes(__file__, (0,), **OLD_PROCESSOR) == printed_by_fresh_processes(__file__, (0,))
-
-
-def train_briefly(offset):
-    """Some dozens of updates of each rule, about as large as the real ones."""
-    hashes = []
-    for rule in RULES:
-        trainer = make_trainer(rule, n_features=252, hidden=(128, 128), batch_size=150, capacity=400)
-        for number in range(9):
-            trainer.train(make_policy_episode(number, 252, offset))
-        hashes.append(weights_hash(trainer))
-    return " ".join(hashes)
-
-
-if __name__ == "__main__":
-    from common.policy.determinism import deterministic_torch
-
-    deterministic_torch()
-    sys.stdout.write(train_briefly(int(sys.argv[1])))

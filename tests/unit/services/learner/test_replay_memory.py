@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.rules.replay import PrioritizedReplay, UniformReplay
+from services.learner.network.sparse import dense_rows
 from services.learner.replay.replay import Replay
 
 F = 3
@@ -75,7 +76,9 @@ def test_the_ring_is_a_list_whose_oldest_give_way(kind, capacity, additions, see
         if ring:
             sample = replay.sample(5, np.random.default_rng(seed))
             expected = numbered(0, added)
-            for name, tensor in sample.columns.items():
+            rows = {name: dense_rows(row) for name, row in sample.rows.items()}
+            assert set(rows) == set(ROWS)
+            for name, tensor in (sample.columns | rows).items():
                 np.testing.assert_array_equal(tensor.numpy(), expected[name][np.array(ring)[sample.places]])
 
 
@@ -107,7 +110,7 @@ def test_a_restored_replay_goes_on_with_the_same_bits(kind, capacity, steps, tur
         for replay in filter(None, (straight, restored)):
             replay.add(numbered(100 * i, count), np.linspace(0, priority, count) if i % 2 else None)
             sample = replay.sample(4, np.random.default_rng(i), beta=0.4)
-            told.append((sample.places.tolist(), sample.weights.tolist(), sample.columns["after"].tolist()))
+            told.append((sample.places.tolist(), sample.weights.tolist(), dense_rows(sample.rows["after"]).tolist()))
             replay.reprioritise(sample.places, np.array([priority, 0, 1, priority / 2]))
         assert told[0] == told[-1]
     if restored:
@@ -123,13 +126,12 @@ def test_a_sample_lies_in_torchs_memory_and_uses_it_again():
         "action": torch.int64,
         "reward": torch.float32,
         "back": torch.int64,
-        "before": torch.float32,
-        "after": torch.float32,
     }
-    assert first.columns["before"].shape == (4, F)
+    assert first.rows["before"].shape == (4, F)
     assert all(tensor.data_ptr() % 64 == 0 for tensor in [*first.columns.values(), first.weights])
     second = replay.sample(4, np.random.default_rng(2))
     assert all(second.columns[name] is tensor for name, tensor in first.columns.items())
+    assert second.rows is first.rows
     assert second.places is not first.places
     assert replay.sample(6, np.random.default_rng(2)).columns["reward"].shape == (6,)
 
@@ -171,13 +173,13 @@ def test_histories_by_hand():
     items = numbered(1, 6)  # trains 1 3 5 6 and 2 4
     items["back"] = np.array([0, 0, 2, 2, 2, 1])
     replay.add({name: array[:5] for name, array in items.items()})
-    histories = replay.histories(np.array([4, 3, 1]), 3)
+    histories = dense_rows(replay.histories(np.array([4, 3, 1]), 3))
     assert histories[:, :, 0].tolist() == [[1, 0, 0], [3, 2, 0], [5, 4, 2]]
     assert histories.shape == (3, 3, F)
     replay.add({name: array[5:] for name, array in items.items()})  # over the first
-    assert replay.histories(np.array([4, 0]), 4)[:, :, 0].tolist() == [[0, 0], [0, 3], [3, 5], [5, 6]]
+    assert dense_rows(replay.histories(np.array([4, 0]), 4))[:, :, 0].tolist() == [[0, 0], [0, 3], [3, 5], [5, 6]]
     replay = through_state(replay, 5, "uniform")
-    assert replay.histories(np.array([4, 0]), 4)[:, :, 0].tolist() == [[0, 0], [0, 3], [3, 5], [5, 6]]
+    assert dense_rows(replay.histories(np.array([4, 0]), 4))[:, :, 0].tolist() == [[0, 0], [0, 3], [3, 5], [5, 6]]
 
 
 @settings(deadline=None)
@@ -191,7 +193,7 @@ def test_histories_are_those_of_lists(capacity, trains, length):
         histories.append(list(earlier))
         replay.add(numbered(number, 1) | {"back": np.array([back])})
     kept = range(max(0, len(trains) - capacity), len(trains))
-    got = replay.histories(np.array([number % capacity for number in kept], np.int64), length)
+    got = dense_rows(replay.histories(np.array([number % capacity for number in kept], np.int64), length))
     rows = numbered(0, len(trains))["before"]
     for i, number in enumerate(kept):
         alive = [rows[one] for one in histories[number] if one in kept][-length:]

@@ -1,24 +1,18 @@
-"""The trainer: when it learns, that it goes on after a restore, and that every process gets the same bits.
-
-Run as a program it trains briefly on arrays at a given misalignment and prints a hash of the weights.
-"""
+"""The trainer: when it learns, and that it goes on after a restore."""
 
 import hashlib
-import sys
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_episodes import (
-    OLD_PROCESSOR,
     STEPS,
     at_offset,
     cut,
     decided,
     edited,
     make_episode,
-    printed_by_fresh_processes,
 )
 
 from common.rules import settings_of
@@ -206,33 +200,3 @@ def test_a_state_that_does_not_fit_is_refused(change, message):
     state = {name: array for name, array in (trainer.state() | change).items() if array is not None}
     with pytest.raises(ValueError, match=message):
         trainer.restore(state)
-
-
-def test_fresh_processes_agree_to_the_bit_at_any_alignment():
-    printed = printed_by_fresh_processes(__file__, (4, 13))
-    assert len(set(printed)) == 1
-    assert len(printed[0].strip()) == 2 * 64
-
-
-def test_a_processor_of_another_kind_gives_the_same_bits_but_for_the_recurrent_network():
-    [there], [here] = (printed_by_fresh_processes(__file__, (0,), **changes) for changes in (OLD_PROCESSOR, {}))
-    assert there[:64] == here[:64]
-
-
-def train_briefly(variant, offset):
-    """About 50 updates of the size of the real ones."""
-    size = {"n_features": 252, "hidden": (128, 128), "batch_size": 150, "learn_every_steps": 4, "capacity": 5000}
-    trainer = make_trainer(**size, **VARIANTS[variant])
-    episodes = [make_episode(number, 252, offset=offset, density=0.1) for number in range(9)]
-    updates = sum(trainer.train(episode)["updates"] for episode in episodes)
-    if updates < 45:
-        raise RuntimeError(f"only {updates} updates")
-    return weights_hash(trainer)
-
-
-if __name__ == "__main__":
-    from common.policy.determinism import deterministic_torch
-
-    deterministic_torch()
-    for name in ("prioritized", "drqn prioritized"):
-        sys.stdout.write(train_briefly(name, int(sys.argv[1])))

@@ -5,7 +5,7 @@ import pytest
 
 from tools.bench import replay
 from tools.bench.measuring import DisagreementError, measure
-from tools.bench.replay import RIVALS, Ours, adding, drawing, fill, memory, real_transitions
+from tools.bench.replay import RIVALS, Ours, adding, drawing, fill, memory, plain, real_transitions
 
 CAPACITY = 400
 
@@ -30,7 +30,7 @@ def test_other_data_is_an_error(items):
     class Wrong(Ours):
         def sample(self):
             places, data, weights = super().sample()
-            return places, data | {"observation_t": data["observation_t"] + 1}, weights
+            return places, data | {"observation_t": plain(data["observation_t"]) + 1}, weights
 
     with pytest.raises(DisagreementError, match="other transitions"):
         fill(Wrong(CAPACITY, prioritized=False), items, CAPACITY, prioritized=False)
