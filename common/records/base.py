@@ -79,13 +79,14 @@ class Record(BaseModel):
         # What is below has checked itself, and is not walked through again but for the text of an error.
         lengths: dict[str, int] = {}
         own, below = _letters(type(self))
+        values = self.__dict__
         for field, lettered in own:
-            shape = getattr(self, field).shape
+            shape = values[field].shape
             for at, letter in lettered:
                 if lengths.setdefault(letter, shape[at]) != shape[at]:
                     _say_where(self, "", {})
         for field in below:
-            record = getattr(self, field)
+            record = values[field]
             for letter, length in () if record is None else record.lengths.items():
                 if lengths.setdefault(letter, length) != length:
                     _say_where(self, "", {})

@@ -126,6 +126,7 @@ class Training:
         for row in (VALUES, TARGET)[: 1 + has_target]:
             for name, view in self._named(row).items():
                 view.copy_(network.get_parameter(name).detach())
+        self._parameters = {name: view.numpy() for name, view in self._named(VALUES).items()}
 
     @property
     def steps(self) -> int:
@@ -138,7 +139,7 @@ class Training:
 
     def weights(self) -> dict[str, NDArray[np.float32]]:
         """A copy of the parameters, by their names in the torch network."""
-        return export_tensors(self._named(VALUES))
+        return {name: view.copy(order="K") for name, view in self._parameters.items()}
 
     def state(self) -> dict[str, NDArray[np.float32]]:
         """A copy of all that training changes: `network/*`, `target/*`, `steps`, `exp_avg/*` and `exp_avg_sq/*`."""
