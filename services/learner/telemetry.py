@@ -1,23 +1,21 @@
 """The metrics of learning, and where the time goes: a row an episode in `metrics.jsonl`, and TensorBoard event files.
 
-The event files are written where the optional extra `tensorboard` is installed. Times are wall-clock seconds of an
-episode: `acting_s` and `actor_waited_s` (for its leases) as its actors measure, `learning_s`, `publishing_s` and
-`learner_waited_s` (for something to learn from) of the learner. `messages` and `message_bytes` are those that came to
-the learner or left it.
+Times are wall-clock seconds of an episode: `acting_s` and `actor_waited_s` (for its leases) as its actors measure,
+`learning_s`, `publishing_s` and `learner_waited_s` (for something to learn from) of the learner. `messages` and
+`message_bytes` are those that came to the learner or left it.
 """
 
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from importlib.util import find_spec
-from typing import Any
 
 from common.bus import Traffic
 from common.folder import RunFolder
 from common.process import Fatal
 from common.records.rows import MetricRow
 from common.rows import DamagedRows, RowFile
+from services.learner.events import EventFile
 
 SUMS = ("updates", "transitions", "learning_s", "publishing_s", "learner_waited_s")  # all else is a mean
 
@@ -38,7 +36,7 @@ class Telemetry:
         except DamagedRows as error:
             raise Fatal(str(error)) from None
         self._rows.cut(sum(row.episode < episodes for row in self._rows.rows))
-        self._events = _event_writer(folder, episodes)
+        self._events = EventFile(folder.tensorboard, episodes)
         self._noted: dict[str, list[float]] = {}
         self._traffic, self._before = traffic, replace(traffic)
         self._idle_since = time.perf_counter()
@@ -77,23 +75,12 @@ class Telemetry:
         self._before = replace(self._traffic)
         self._noted = {}
         self._rows.append(MetricRow(episode=episode, metrics={name: round(v, 7) for name, v in metrics.items()}))
-        if self._events is not None:
-            for name, value in metrics.items():
-                self._events.add_scalar(name, value, episode)
+        self._events.add(episode, metrics)
 
     def close(self) -> None:
         """Close the files."""
         self._rows.close()
-        if self._events is not None:
-            self._events.close()
+        self._events.close()
 
     def _note(self, name: str, value: float) -> None:
         self._noted.setdefault(name, []).append(value)
-
-
-def _event_writer(folder: RunFolder, episodes: int) -> Any:
-    if find_spec("tensorboard") is None:
-        return None
-    from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415  (the extra may be missing)
-
-    return SummaryWriter(folder.tensorboard, purge_step=episodes)

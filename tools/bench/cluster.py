@@ -171,7 +171,7 @@ def show(rows: Sequence[Row]) -> None:
         table.add_column(title, justify="right", no_wrap=True)
     for row in rows:
         table.add_row(row.name, *(format(getattr(row, field), form) for _, field, form in COLUMNS))
-    Console(highlight=False, width=max(Console().width, 160)).print(table)
+    Console(highlight=False, width=max(Console().width, 200)).print(table)
 
 
 def main() -> None:
