@@ -90,9 +90,16 @@ class Board:
         temporary.replace(path)
 
     def put(self, version: int, tensors: Tensors) -> None:
-        """Write a version over that which is `count` older; OSError if that fails."""
+        """Write a version over that which is `count` older.
+
+        Raises:
+            ValueError: the tensors have numbers that are not finite; nothing is written.
+            OSError: the disk is full, say.
+        """
         for name, view in self._views.items():
             view[...] = tensors[name]
+        if not np.isfinite(self._flat).all():
+            raise ValueError(f"weights {version} have numbers that are not finite")
         self._head[0] = self._tail[0] = version
         self._head[1] = _sum(self._flat)
         self._write(version)

@@ -90,7 +90,8 @@ def by_part(state: Mapping[str, NDArray[Any]], *parts: str) -> dict[str, dict[st
 def means(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
     """The mean of each metric over the updates that have it."""
     names = dict.fromkeys(name for row in rows for name in row)
-    return {name: float(np.mean([row[name] for row in rows if name in row])) for name in names}
+    told = {name: [row[name] for row in rows if name in row] for name in names}
+    return {name: sum(values) / len(values) for name, values in told.items()}
 
 
 def build_trainer(rule: str, learning: Learning[RuleSettings]) -> Trainer:

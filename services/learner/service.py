@@ -47,7 +47,7 @@ class Learner:
         except ValueError as error:
             raise Fatal(str(error)) from None
         self._settled = self._trainer.weights()  # after the last whole episode
-        self._weights: dict[int, Weights] = {}
+        self._weights: dict[int, Tensors] = {}
         snapshot = self._archive.resume()
         fragments = [] if snapshot is None else self._restore(snapshot)
         self._board = Board(context.folder.board_file, self._settled, self._kept_versions)
@@ -70,7 +70,7 @@ class Learner:
             self._trainer.restore(snapshot, memory.opened)
         except ValueError as error:
             raise Fatal(f"the newest snapshot does not fit this version: {error}: use the one that wrote it") from None
-        self._weights = {version: Weights(version=version, tensors=older) for version, older in memory.older.items()}
+        self._weights = dict(memory.older)
         self._settled = memory.settled
         return memory.opened
 
@@ -88,8 +88,8 @@ class Learner:
 
     def open(self) -> None:
         """Publish what there is, and listen."""
-        for version, weights in self._weights.items():
-            self._board.put(version, weights.tensors)
+        for version, tensors in self._weights.items():
+            self._board.put(version, tensors)
         self._publish_weights()
         bus = self._context.bus
         bus.watch_alive(keys.ALL_ALIVE, self._on_alive)
@@ -143,11 +143,11 @@ class Learner:
         self._send(self._desk.ask(question, question.request, time.monotonic()))
 
     def _on_pull_weights(self, question: Question[WeightsRequest, Weights]) -> None:
-        weights = self._weights.get(question.request.version)
-        if weights is None:
-            question.refuse(f"weights {question.request.version} are not kept: there are {sorted(self._weights)}")
+        version = question.request.version
+        if version in self._weights:
+            question.answer(Weights(version=version, tensors=self._weights[version]))
         else:
-            question.answer(weights)
+            question.refuse(f"weights {version} are not kept: there are {sorted(self._weights)}")
 
     def _on_list(self, question: Question[Empty, CheckpointNotice]) -> None:
         question.answer(self._notice())
@@ -186,7 +186,10 @@ class Learner:
 
     def _train(self, fragment: Fragment) -> None:
         with self._telemetry.learning():
-            metrics = self._trainer.train(fragment)
+            try:
+                metrics = self._trainer.train(fragment)
+            except FloatingPointError as error:
+                raise Fatal(f"episode {fragment.lease.episode}: {error}") from None
         episode = self._desk.mark_trained()
         with self._telemetry.publishing():
             self._publish_weights()
@@ -201,7 +204,7 @@ class Learner:
 
     def _record(self, episode: OpenEpisode) -> None:
         ledger = self._desk.ledger
-        self._settled = self._weights[ledger.version].tensors
+        self._settled = self._weights[ledger.version]
         row = row_of(episode, time.time())
         self._archive.append(row)
         self._telemetry.end_episode(row.episode, acting_s=episode.acting_s, waited_s=episode.waited_s)
@@ -215,10 +218,12 @@ class Learner:
 
     def _publish_weights(self) -> None:
         version = self._desk.ledger.version
-        weights = Weights(version=version, tensors=self._trainer.weights())
-        self._weights[version] = weights
+        weights = self._weights[version] = self._trainer.weights()
         self._weights.pop(version - self._kept_versions, None)
-        self._board.put(version, weights.tensors)
+        try:
+            self._board.put(version, weights)
+        except ValueError as error:
+            raise Fatal(f"{error}: training has diverged, lower the learning rate") from None
 
     @property
     def _kept_versions(self) -> int:
@@ -238,7 +243,7 @@ class Learner:
     def _save_snapshot(self) -> None:
         ledger = self._desk.ledger
         versions = range(max(0, ledger.trained - self._config.lag), ledger.trained)
-        older = {version: self._weights[version].tensors for version in versions}
+        older = {version: self._weights[version] for version in versions}
         memory = Memory(older, self._settled, self._desk.opened.fragments)
         kept = 1 if ledger.finished else KEPT_SNAPSHOTS
         state = self._trainer.state() | memory.tensors()

@@ -8,10 +8,12 @@ import pytest
 from made_episodes import answer_to, edited
 
 from common import checkpoint
+from common.board import BoardReader
 from common.bus import Traffic
 from common.config import parse_config
 from common.folder import RunFolder
 from common.inbox import Inbox
+from common.process import Fatal
 from common.rail.normalise import N_FEATURES
 from common.records.acting import LeaseRequest, WeightsRequest
 from common.records.control import Empty, LearnerCommand
@@ -340,4 +342,32 @@ def test_of_what_is_asked_while_an_episode_ends_only_a_lease_goes_out_before_its
     assert question.answered is not None
     assert question.rows == rows
     assert len(cluster.rows()) == 1
+    cluster.learner.close()
+
+
+def test_a_loss_that_is_not_finite_ends_the_run(tmp_path, monkeypatch):
+    cluster = Cluster(RunFolder(tmp_path), config(0))
+    cluster.come("one")
+    fragment = acted(cluster.lease("one"))
+
+    def diverges(_fragment):
+        raise FloatingPointError("the loss is nan: training has diverged, lower dqn.learning_rate")
+
+    monkeypatch.setattr(cluster.learner._trainer, "train", diverges)
+    with pytest.raises(Fatal, match=r"^episode 0: the loss is nan: .* lower dqn\.learning_rate$"):
+        cluster.bring(fragment)
+    cluster.learner.close()
+
+
+def test_weights_that_are_not_finite_end_the_run_and_nobody_gets_them(tmp_path, monkeypatch):
+    cluster = Cluster(RunFolder(tmp_path), config(0))
+    cluster.come("one")
+    fragment, board = acted(cluster.lease("one")), BoardReader(RunFolder(tmp_path).board_file)
+    weights = {name: np.full_like(array, np.inf) for name, array in cluster.learner._trainer.weights().items()}
+    monkeypatch.setattr(cluster.learner._trainer, "weights", lambda: weights)
+    with pytest.raises(Fatal, match=r"^weights 1 have numbers that are not finite: training has diverged"):
+        cluster.bring(fragment)
+    assert board.get(0) is not None
+    assert board.get(1) is None
+    board.close()
     cluster.learner.close()
