@@ -167,6 +167,7 @@ class Bus:
                 payload=self.traffic.counted(encode(request)),
                 encoding=encoding_of(service.request),
                 timeout=timeout_s,
+                consolidation=zenoh.ConsolidationMode.NONE,  # there is one answer: nothing to hold it back for
             )
         except zenoh.ZError as error:
             raise NoAnswer(f"{service.key}: {error}") from None
