@@ -78,7 +78,7 @@ def _concerns(mind: Supervisor, progress: Progress | None, beats: Beats) -> list
         concerns.append(f"{progress.refused} messages were refused: railctl logs RUN learner says why")
     learner = _learner(beats)
     if learner is not None and learner.exact_until is not None:
-        concerns.append(f"resumed at episode {learner.exact_until} on another processor or torch: exactness ends there")
+        concerns.append(f"resumed at episode {learner.exact_until} on another machine or torch: exactness ends there")
     return concerns
 
 

@@ -42,6 +42,11 @@ class RuleSettings(Strict):
         """A `torch.nn.Module` of the rule's own to train and to act with; None: that of `network.kind`."""
         return None
 
+    @property
+    def brings_module(self) -> bool:
+        """Whether the network is the rule's own, which torch computes, and not compiled code."""
+        return type(self).module is not RuleSettings.module
+
     @classmethod
     def adapted(cls, preset: Mapping[str, Any], lag: int) -> dict[str, Any]:  # noqa: ARG003
         """A preset as it is with a lag: without what only serial runs can have."""

@@ -38,7 +38,8 @@ class ExplorationConfig(Strict):
         if self.epsilon_start <= self.epsilon_end:
             return self.epsilon_start
         progress = min(1.0, episode / max(1.0, episodes * self.decay_share))
-        return float(self.epsilon_start * (self.epsilon_end / self.epsilon_start) ** progress)
+        # Rounded, as the last bit of a power differs from one kind of processor to another.
+        return round(float(self.epsilon_start * (self.epsilon_end / self.epsilon_start) ** progress), 9)
 
 
 class ValueSettings(RuleSettings):

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import platform
 from pathlib import Path
 
 import numpy as np
@@ -66,7 +67,7 @@ class Archive:
                 raise Fatal("the newest snapshot has another configuration: restore config.yaml or use a new run name")
             self.snapshot = int(metadata.get("episode", "0"))
             self.version = int(metadata.get("weights_version", "0"))
-            if metadata.get("arithmetic") != arithmetic():
+            if not repeats(metadata.get("arithmetic", ""), with_torch=self._config.learning.brings_module):
                 self.exact_until = self.snapshot
                 log.warning("exactness ends at episode %d: snapshot %s", self.snapshot, metadata.get("arithmetic"))
         if [row.episode for row in self.rows[: self.snapshot]] != list(range(self.snapshot)):
@@ -131,10 +132,16 @@ def _is_of(config: RunConfig, science: str) -> bool:
         return False
 
 
+def repeats(there: str, *, with_torch: bool) -> bool:
+    """Whether what was begun with the `arithmetic` of another process goes on here with the same bits."""
+    return there == arithmetic() if with_torch else f'"machine": "{platform.machine()}"' in there
+
+
 def arithmetic() -> str:
-    """What torch's bits depend on: its version, its kernels and the processor."""
+    """What bits depend on: the machine those of compiled code, all of it those of torch."""
     return json.dumps(
         {
+            "machine": platform.machine(),
             "torch": torch.__version__,
             "numpy": np.__version__,
             "kernels": torch.backends.cpu.get_cpu_capability(),

@@ -143,7 +143,7 @@ def test_refused_messages_are_a_concern():
 
 def test_the_end_of_exactness_is_a_concern():
     assert status(said=beats(exact_until=30)).problems == [
-        "resumed at episode 30 on another processor or torch: exactness ends there",
+        "resumed at episode 30 on another machine or torch: exactness ends there",
     ]
 
 

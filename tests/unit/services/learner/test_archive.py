@@ -15,7 +15,7 @@ from common.process import Fatal
 from common.records.rows import EpisodeRow
 from common.rows import RowFile, read_rows
 from services.learner import archive as archive_module
-from services.learner.archive import Archive, arithmetic
+from services.learner.archive import Archive, arithmetic, repeats
 
 
 def config(**changes):
@@ -252,10 +252,10 @@ def test_what_a_killed_learner_left_half_written_goes(folder):
     assert list(folder.checkpoints.iterdir()) == []
 
 
-def test_other_arithmetic_ends_exactness_and_says_where(folder, monkeypatch, caplog):
+def test_another_machine_ends_exactness_and_says_where(folder, monkeypatch, caplog):
     trained(folder, 5, snapshots=(5,))
     with monkeypatch.context() as elsewhere:
-        elsewhere.setattr(archive_module, "processor", lambda: "another processor")
+        elsewhere.setattr(archive_module.platform, "machine", lambda: "riscv64")
         archive = Archive(folder, config())
         assert archive.resume() is not None
     assert archive.exact_until == 5
@@ -267,9 +267,18 @@ def test_other_arithmetic_ends_exactness_and_says_where(folder, monkeypatch, cap
     assert caplog.records == []
 
 
+def test_another_processor_ends_exactness_only_where_torch_learns(monkeypatch):
+    here = arithmetic()
+    monkeypatch.setattr(archive_module, "processor", lambda: "another processor")
+    assert repeats(here, with_torch=False)
+    assert not repeats(here, with_torch=True)
+    assert repeats(arithmetic(), with_torch=True)
+    assert not repeats("", with_torch=False)
+
+
 def test_arithmetic_names_what_bits_depend_on():
     assert arithmetic() == arithmetic()
-    assert set(json.loads(arithmetic())) == {"torch", "numpy", "kernels", "processor"}
+    assert set(json.loads(arithmetic())) == {"torch", "numpy", "kernels", "processor", "machine"}
     assert all(json.loads(arithmetic()).values())
 
 
