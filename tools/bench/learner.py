@@ -36,6 +36,7 @@ from services.learner.plain_dqn import PlainDqn
 from services.learner.plain_policy import PlainPolicy
 from services.learner.training import Batch
 from tools.bench.conditions import study_rollouts
+from tools.bench.learner_episodes import episode_comparisons
 from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
 
 HIDDEN = (128, 128)
@@ -63,11 +64,11 @@ class Seen:
         twin, rollouts = Twin(Layout("plain", N_FEATURES, N_ACTIONS, HIDDEN)), study_rollouts()
         twin.load(export_parameters(build_network(NetworkConfig(hidden=HIDDEN), N_FEATURES, N_ACTIONS, 1)))
         played = [play(rollouts, generate("easy", seed), Acting(twin, EPSILON, seed)) for seed in range(LEVELS)]
-        self._rows = np.array([row for course in played for row in course.decisions.observations])
+        self.rows = np.array([row for course in played for row in course.decisions.observations])
 
     def draw(self, rng: np.random.Generator, *shape: int) -> torch.Tensor:
         """[*shape, F]."""
-        return torch.tensor(self._rows[rng.integers(len(self._rows), size=shape)])
+        return torch.tensor(self.rows[rng.integers(len(self.rows), size=shape)])
 
 
 def value_case(name: str, kind: Kind, batch_size: int, target_tau: float | None = 0.01) -> Case:
@@ -177,7 +178,7 @@ def comparisons(updates: int) -> list[Comparison]:
     """All of them."""
     torch.set_num_threads(1)
     seen = Seen()
-    return [comparison(case, seen, updates) for case in CASES]
+    return [*(comparison(case, seen, updates) for case in CASES), *episode_comparisons(seen.rows)]
 
 
 if __name__ == "__main__":
