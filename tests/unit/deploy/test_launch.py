@@ -163,8 +163,7 @@ def test_a_port_in_use_is_refused_before_anything_is_made(root, taken_port):
 
 
 def test_a_free_port_can_be_listened_on():
-    with socket.create_server((LOOPBACK, free_port())):  # as servers do: also where connections of an earlier one linger
-        pass
+    socket.create_server((LOOPBACK, free_port())).close()  # as servers do: also where old connections linger
 
 
 def test_no_free_port_is_a_failure(monkeypatch, taken_port):
