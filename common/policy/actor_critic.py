@@ -8,17 +8,13 @@ critic's; biases are zero.
 """
 
 import itertools
-import math
 
 import torch
 from torch import Tensor, nn
 
-from common.policy.networks import linear_layer
-from common.policy.orthogonal import orthogonal
+from common.policy.first_weights import first_actor_critic
+from common.policy.networks import import_parameters, linear_layer
 from common.rules.settings import NetworkConfig
-from common.seeding import stream_key
-
-HIDDEN_GAIN, ACTOR_GAIN, CRITIC_GAIN = math.sqrt(2), 0.01, 1.0
 
 
 class ActorCritic(nn.Module):
@@ -60,15 +56,7 @@ class ActorCritic(nn.Module):
 
 
 def build_actor_critic(config: NetworkConfig, n_features: int, n_actions: int, seed: int) -> ActorCritic:
-    """An actor-critic whose parameters are a function of `seed` alone, on every machine."""
+    """An actor-critic whose parameters are a function of `seed` alone, on every machine; see `first_weights`."""
     network = ActorCritic(n_features, n_actions, config)
-    gains = {network.actor: ACTOR_GAIN, network.critic: CRITIC_GAIN}
-    layers = [module for module in network.modules() if isinstance(module, nn.Linear)]
-    for index, layer in enumerate(layers):  # in the order of definition
-        weight = orthogonal(
-            layer.out_features, layer.in_features, gains.get(layer, HIDDEN_GAIN), stream_key(seed, index, "orthogonal")
-        )
-        with torch.no_grad():
-            layer.weight.copy_(torch.tensor(weight))
-            layer.bias.zero_()
+    import_parameters(network, first_actor_critic(config, n_features, n_actions, seed).weights)
     return network

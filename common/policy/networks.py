@@ -10,7 +10,6 @@ of an array that came off a wire or out of a file lies anywhere.
 """
 
 import itertools
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -18,8 +17,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from common.policy.first_weights import first_values
+from common.policy.named import check_fit, copies
 from common.rules.settings import NetworkConfig
-from common.seeding import stream_key
 
 
 def dueling_values(value: Tensor, advantage: Tensor) -> Tensor:
@@ -70,29 +70,10 @@ class QNetwork(nn.Module):
 
 
 def build_network(config: NetworkConfig, n_features: int, n_actions: int, seed: int) -> QNetwork:
-    """A network whose parameters are a function of `seed` alone, on every machine.
-
-    Uniform in +-1/sqrt(n_in): PyTorch's own default, there written as Kaiming-uniform (He et al. 2015) with
-    a = sqrt(5), a bound of sqrt(6 / ((1 + a^2) n_in)).
-    """
+    """A network whose parameters are a function of `seed` alone, on every machine; see `first_weights`."""
     network = QNetwork(n_features, n_actions, config)
-    rng = np.random.Generator(np.random.Philox(key=stream_key(seed, 0, "network")))
-    for module in network.modules():  # in the order of definition
-        if isinstance(module, nn.Linear):
-            draw_parameters(module, module.in_features, rng)
+    import_parameters(network, first_values(config, n_features, n_actions, seed).weights)
     return network
-
-
-def draw_parameters(module: nn.Module, fan: int, rng: np.random.Generator) -> None:
-    """Overwrite the module's parameters, in the order of definition: uniform in +-1/sqrt(fan).
-
-    Torch's own draws differ from one kind of processor to another.
-    """
-    bound = 1 / math.sqrt(fan)
-    with torch.no_grad():
-        for parameter in module.parameters():
-            drawn = bound * (2 * rng.random(tuple(parameter.shape)) - 1)
-            parameter.copy_(torch.tensor(drawn.astype(np.float32)))
 
 
 def export_parameters(network: nn.Module) -> dict[str, NDArray[np.float32]]:
@@ -112,21 +93,12 @@ def import_parameters(network: nn.Module, arrays: Mapping[str, NDArray[np.float3
 
 def export_tensors(tensors: Mapping[str, Tensor]) -> dict[str, NDArray[np.float32]]:
     """A copy of each float32 tensor, which lies in memory as the tensor does."""
-    return {name: tensor.detach().numpy().copy(order="K") for name, tensor in tensors.items()}
+    return copies({name: tensor.detach().numpy() for name, tensor in tensors.items()})
 
 
 def import_tensors(tensors: Mapping[str, Tensor], arrays: Mapping[str, NDArray[np.float32]]) -> None:
     """Overwrite each tensor in place with the array of its name; raises as `import_parameters`."""
-    for name in (*tensors, *arrays):
-        if name not in arrays:
-            raise ValueError(f"tensor {name} is missing: this state is of another network or algorithm")
-        if name not in tensors:
-            raise ValueError(f"tensor {name} is unknown here: this state is of another network or algorithm")
-        want, got = tensors[name], arrays[name]
-        if got.dtype != np.float32:
-            raise ValueError(f"tensor {name} has dtype {got.dtype}, not float32")
-        if got.shape != tuple(want.shape):
-            raise ValueError(f"tensor {name} has shape {got.shape}, not {tuple(want.shape)}")
+    check_fit({name: tuple(tensor.shape) for name, tensor in tensors.items()}, arrays)
     with torch.no_grad():
         for name, tensor in tensors.items():
             tensor.copy_(torch.tensor(arrays[name]))

@@ -7,13 +7,12 @@ carries its hidden state from decision to decision, zero at first; training runs
 
 import itertools
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
-from common.policy.networks import draw_parameters, dueling_values, linear_layer
+from common.policy.first_weights import first_recurrent
+from common.policy.networks import dueling_values, import_parameters, linear_layer
 from common.rules.settings import NetworkConfig
-from common.seeding import stream_key
 
 State = tuple[Tensor, Tensor]  # hidden and cell state, [B, H] each
 
@@ -58,13 +57,7 @@ class RecurrentQNetwork(nn.Module):
 
 
 def build_recurrent_network(config: NetworkConfig, n_features: int, n_actions: int, seed: int) -> RecurrentQNetwork:
-    """A network whose parameters are a function of `seed` alone, on every machine: PyTorch's default laws, restated.
-
-    Uniform in +-1/sqrt(n_in) for linear layers, and in +-1/sqrt(width) for the LSTM.
-    """
+    """A network whose parameters are a function of `seed` alone, on every machine; see `first_weights`."""
     network = RecurrentQNetwork(n_features, n_actions, config)
-    rng = np.random.Generator(np.random.Philox(key=stream_key(seed, 0, "recurrent-network")))
-    draw_parameters(network.lstm, config.hidden[0], rng)
-    for layer in (*network.hidden, network.value, network.advantage):
-        draw_parameters(layer, len(layer.get_parameter("weight")[0]), rng)
+    import_parameters(network, first_recurrent(config, n_features, n_actions, seed).weights)
     return network

@@ -15,10 +15,8 @@ def main() -> None:
     inbox = Inbox()
     with service_context(RunFolder(parser.parse_args().run), "learner", "learner", inbox) as context:
         # Imports take seconds and come last, so that whoever supervises sees this process at once.
-        from common.policy.determinism import deterministic_torch
         from services.learner.service import Learner
 
-        deterministic_torch()
         with closing(Learner(context, inbox)) as learner:
             learner.run()
 

@@ -6,7 +6,6 @@ import platform
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from common import checkpoint
 from common.checkpoint import CheckpointError, Tensors
@@ -120,7 +119,7 @@ class Archive:
             "episode": str(episode),
             "weights_version": str(version),
             "science": self._science,
-            "arithmetic": arithmetic(),
+            "arithmetic": arithmetic(with_torch=self._config.learning.brings_module),
         }
 
 
@@ -134,21 +133,17 @@ def _is_of(config: RunConfig, science: str) -> bool:
 
 def repeats(there: str, *, with_torch: bool) -> bool:
     """Whether what was begun with the `arithmetic` of another process goes on here with the same bits."""
-    return there == arithmetic() if with_torch else f'"machine": "{platform.machine()}"' in there
+    return there == arithmetic(with_torch=True) if with_torch else f'"machine": "{platform.machine()}"' in there
 
 
-def arithmetic() -> str:
+def arithmetic(*, with_torch: bool) -> str:
     """What bits depend on: the machine those of compiled code, all of it those of torch."""
-    return json.dumps(
-        {
-            "machine": platform.machine(),
-            "torch": torch.__version__,
-            "numpy": np.__version__,
-            "kernels": torch.backends.cpu.get_cpu_capability(),
-            "processor": processor(),
-        },
-        sort_keys=True,
-    )
+    told = {"machine": platform.machine(), "numpy": np.__version__, "processor": processor()}
+    if with_torch:
+        import torch  # noqa: PLC0415  (it takes seconds)
+
+        told |= {"torch": torch.__version__, "kernels": torch.backends.cpu.get_cpu_capability()}
+    return json.dumps(told, sort_keys=True)
 
 
 def _file(folder: Path, episode: int) -> Path:

@@ -5,29 +5,30 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
 from common.rules.replay import ReplayConfig
 from common.seeding import stream_key
-from services.learner.network.sparse import Observations, dense_rows
 from services.learner.replay.replay import Replay
+from services.learner.sparse import Observations, dense_rows
 
 ROWS = ("observation_tm1",)
 DRAWS = "draws"  # the name of their number in a state
 
 
 class Experience(NamedTuple):
-    """B decisions in memory that torch allocated; values and returns are scaled (`services.learner.returns`).
+    """B decisions; values and returns are scaled (`services.learner.returns`).
 
     With each stands what a replay keeps it as.
     """
 
-    observation_tm1: Annotated[Observations, np.float32]  # [B, F] float32
-    action_tm1: Annotated[Tensor, np.int8]  # [B] int64
-    return_t: Annotated[Tensor, np.float32]  # [B] float32
-    least_return_t: Annotated[Tensor, np.float32]  # [B] float32, if trains that the step limit stopped never arrive
-    log_probability_tm1: Annotated[Tensor, np.float32]  # [B] float32, of the action when it was chosen
-    value_tm1: Annotated[Tensor, np.float32]  # [B] float32, the critic's when the action was chosen
+    observation_tm1: Annotated[Observations, np.float32]  # [B, F]
+    action_tm1: Annotated[NDArray[np.int64], np.int8]  # [B]
+    return_t: Annotated[NDArray[np.float32], np.float32]  # [B]
+    least_return_t: Annotated[
+        NDArray[np.float32], np.float32
+    ]  # [B], if trains that the step limit stopped never arrive
+    log_probability_tm1: Annotated[NDArray[np.float32], np.float32]  # [B], of the action when it was chosen
+    value_tm1: Annotated[NDArray[np.float32], np.float32]  # [B], the critic's when the action was chosen
 
 
 KEPT_AS = {name: hint.__metadata__[0] for name, hint in get_type_hints(Experience, include_extras=True).items()}
@@ -55,7 +56,7 @@ class ExperienceReplay:
     def add(self, new: Experience, priorities: NDArray[np.float64] | None = None) -> None:
         """Append decisions, oldest first; `priorities` [B] are for a prioritised replay."""
         dense = new._replace(observation_tm1=dense_rows(new.observation_tm1))
-        items = {name: getattr(dense, name).numpy().astype(dtype, copy=False) for name, dtype in KEPT_AS.items()}
+        items = {name: getattr(dense, name).astype(dtype, copy=False) for name, dtype in KEPT_AS.items()}
         self._replay.add(items, priorities)
 
     def sample(self, size: int) -> Drawn:

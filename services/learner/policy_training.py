@@ -7,20 +7,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from common.policy.actor_critic import ActorCritic, build_actor_critic
+from common.policy.first_weights import first_actor_critic
 from common.records.acting import Fragment
 from common.records.course import Course
-from common.rules.policies import PolicySettings
+from common.rules.policies import PolicySettings, PpoConfig
 from services.learner.experience import Experience
-from services.learner.fused.policy import FusedPolicy
+from services.learner.fused.policy import FusedPolicy, Imitation
 from services.learner.learning import Learning, by_part, means
-from services.learner.network.policies import PolicyNetwork
-from services.learner.network.sparse import sparse_rows
 from services.learner.replay.transitions import check_order
 from services.learner.returns import decision_returns
+from services.learner.sparse import SparseRows, sparse_rows
 
 
 class PolicyRule(Protocol):
@@ -39,20 +37,54 @@ class PolicyRule(Protocol):
         """Take on a `state`; ValueError names the tensor that does not fit."""
 
 
-def build_network(learning: Learning[PolicySettings]) -> FusedPolicy | PolicyNetwork:
+class Policy(Protocol):
+    """An actor-critic and how it learns: in compiled code, or by autograd a module of a rule's own."""
+
+    n_features: int
+
+    def values(self, x: SparseRows) -> NDArray[np.float32]:
+        """The values [B] of observations [B, F]."""
+
+    def ppo(self, config: PpoConfig, x: SparseRows, batch: Experience, count: int) -> NDArray[np.float64]:
+        """Make `count` updates of `algorithms.ppo` on a batch; none whose loss is not finite, nor after it.
+
+        Returns:
+            [count, 8], the updates' numbers: as `policy_losses` names them, the norm of all gradients, the loss.
+        """
+
+    def imitate(self, value_weight: float, x: SparseRows, batch: Experience) -> Imitation:
+        """Make an update of `algorithms.sil`, unless its loss is not finite.
+
+        Returns:
+            Its numbers [6]: as `policy_losses` names them, the norm of all gradients, the loss. And the gains [B].
+        """
+
+    def weights(self) -> dict[str, NDArray[np.float32]]:
+        """A copy of the parameters that actors act with."""
+
+    def state(self) -> dict[str, NDArray[np.float32]]:
+        """A copy of all that updates change."""
+
+    def restore(self, state: Mapping[str, NDArray[np.float32]]) -> None:
+        """Take on a `state`; ValueError names the tensor that does not fit."""
+
+
+def build_network(learning: Learning[PolicySettings]) -> Policy:
     """The network of a run as its seed makes it: trained in compiled code, but for a module of the rule's own."""
     settings, sizes = learning.settings, (learning.n_features, learning.n_actions, learning.seed)
-    network, ppo = settings.module(*sizes) or build_actor_critic(settings.network, *sizes), settings.ppo
-    kind = FusedPolicy if isinstance(network, ActorCritic) else PolicyNetwork
-    return kind(network, ppo.learning_rate, ppo.max_gradient_norm)
+    how = settings.ppo.learning_rate, settings.ppo.max_gradient_norm
+    module = settings.module(*sizes)
+    if module is None:
+        return FusedPolicy(first_actor_critic(settings.network, *sizes), *how)
+    from services.learner.textbook.policies import PolicyNetwork  # noqa: PLC0415  (torch takes seconds)
+
+    return PolicyNetwork(module, *how, n_features=learning.n_features)
 
 
 class PolicyTrainer:
     """A `services.learner.learning.Trainer` around a rule and the network that the rule trains."""
 
-    def __init__(
-        self, learning: Learning[PolicySettings], network: FusedPolicy | PolicyNetwork, rule: PolicyRule
-    ) -> None:
+    def __init__(self, learning: Learning[PolicySettings], network: Policy, rule: PolicyRule) -> None:
         self._discount = learning.settings.discount
         self._least_reward = learning.least_reward
         self._network = network
@@ -112,13 +144,18 @@ class PolicyTrainer:
         self._rule.restore(parts["rule"])
 
     def _experience(self, course: Course) -> Experience:
-        values = self._network.values(sparse_rows(torch.tensor(course.final_observations))).numpy()
+        values = self._network.values(sparse_rows(_own(course.final_observations)))
         least, decisions = np.full_like(values, self._least_reward), course.decisions
         return Experience(
-            observation_tm1=torch.tensor(decisions.observations),
-            action_tm1=torch.tensor(decisions.actions, dtype=torch.int64),
-            return_t=torch.tensor(decision_returns(course, values, self._discount)),
-            least_return_t=torch.tensor(decision_returns(course, least, self._discount)),
-            log_probability_tm1=torch.tensor(decisions.log_probabilities),
-            value_tm1=torch.tensor(decisions.values),
+            observation_tm1=_own(decisions.observations),
+            action_tm1=decisions.actions.astype(np.int64),
+            return_t=decision_returns(course, values, self._discount),
+            least_return_t=decision_returns(course, least, self._discount),
+            log_probability_tm1=_own(decisions.log_probabilities),
+            value_tm1=_own(decisions.values),
         )
+
+
+def _own(array: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A copy that compiled code can take: what came off a wire may lie anyhow."""
+    return np.array(array, np.float32, order="C")

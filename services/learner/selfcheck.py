@@ -9,7 +9,6 @@ import os
 
 import numpy as np
 
-from common.policy.determinism import deterministic_torch
 from common.records.acting import Circumstances, Fragment, Lease
 from common.records.course import Course, Decisions
 from common.rules.dqn import QNetworkConfig, Settings
@@ -63,7 +62,6 @@ def made_up_episode(number: int) -> Fragment:
 
 def check() -> None:
     """Train, and say what came of it."""
-    deterministic_torch()
     settings = Settings(
         network=QNetworkConfig(kind="dueling"),
         dqn=DqnConfig(learning_rate=3e-4, batch_size=150, learn_every_steps=5, target_tau=0.01),

@@ -10,16 +10,15 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
 from common.records.acting import Fragment
 from common.rules.replay import UniformReplay
 from common.rules.values import ValueSettings
 from common.seeding import stream_key
 from services.learner.learning import Learning, by_part, means
-from services.learner.network.sparse import Observations
 from services.learner.replay.replay import Replay, Sample
 from services.learner.replay.transitions import COLUMNS, ROWS, TransitionMaker
+from services.learner.sparse import Observations
 
 COUNTERS = ("episodes", "steps", "updates")
 
@@ -28,14 +27,14 @@ Look = Callable[[Replay, Sample], tuple[Observations, Observations]]
 
 
 class Batch(NamedTuple):
-    """B transitions in memory that torch allocated; observations are [B, F], or sequences [L, B, F] that end there."""
+    """B transitions; observations are [B, F], or sequences [L, B, F] that end there."""
 
     observation_tm1: Observations
-    action_tm1: Tensor  # [B] int64
-    reward_t: Tensor  # [B]
-    discount_t: Tensor  # [B]
+    action_tm1: NDArray[np.int64]  # [B]
+    reward_t: NDArray[np.float32]  # [B]
+    discount_t: NDArray[np.float32]  # [B]
     observation_t: Observations
-    weights: Tensor  # [B], of each transition's squared error
+    weights: NDArray[np.float32]  # [B], of each transition's squared error
 
 
 class Update(NamedTuple):

@@ -11,11 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from common.levels.shipped import generate
 from common.policy.actor_critic import build_actor_critic
 from common.policy.compiled import Twin
-from common.policy.networks import QNetwork, build_network, export_parameters
+from common.policy.first_weights import first_actor_critic, first_recurrent, first_values
+from common.policy.networks import build_network, export_parameters
 from common.policy.packing import Kind, Layout
 from common.policy.player import Acting, play
 from common.policy.recurrent import build_recurrent_network
@@ -31,10 +33,10 @@ from services.learner.experience import Experience
 from services.learner.fused.dqn import FusedDqn
 from services.learner.fused.drqn import FusedDrqn
 from services.learner.fused.policy import FusedPolicy
-from services.learner.network.sparse import SparseRows, sparse_rows
-from services.learner.plain_dqn import PlainDqn
-from services.learner.plain_policy import PlainPolicy
-from services.learner.training import Batch
+from services.learner.sparse import SparseRows, sparse_rows
+from services.learner.textbook.plain_dqn import PlainDqn
+from services.learner.textbook.plain_policy import PlainPolicy
+from services.learner.training import Batch, ValueMethod
 from tools.bench.conditions import study_rollouts
 from tools.bench.learner_episodes import episode_comparisons
 from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
@@ -66,31 +68,34 @@ class Seen:
         played = [play(rollouts, generate("easy", seed), Acting(twin, EPSILON, seed)) for seed in range(LEVELS)]
         self.rows = np.array([row for course in played for row in course.decisions.observations])
 
-    def draw(self, rng: np.random.Generator, *shape: int) -> torch.Tensor:
+    def draw(self, rng: np.random.Generator, *shape: int) -> NDArray[np.float32]:
         """[*shape, F]."""
-        return torch.tensor(self.rows[rng.integers(len(self.rows), size=shape)])
+        drawn: NDArray[np.float32] = self.rows[rng.integers(len(self.rows), size=shape)]
+        return drawn
 
 
 def value_case(name: str, kind: Kind, batch_size: int, target_tau: float | None = 0.01) -> Case:
     """An update of a value method."""
     dqn = DqnConfig(learning_rate=3e-4, batch_size=batch_size, learn_every_steps=30, target_tau=target_tau)
-    build = build_recurrent_network if kind == "recurrent" else build_network
     rows = (SEQUENCE, batch_size) if kind == "recurrent" else (batch_size,)
 
     def sides() -> tuple[Learn, Learn]:
-        network = build(NetworkConfig(kind=kind, hidden=HIDDEN), N_FEATURES, N_ACTIONS, seed=1)
-        ours = FusedDqn(dqn, network) if isinstance(network, QNetwork) else FusedDrqn(dqn, network)
-        theirs = PlainDqn(dqn, network)
+        sizes = NetworkConfig(kind=kind, hidden=HIDDEN), N_FEATURES, N_ACTIONS, 1
+        ours: ValueMethod
+        if kind == "recurrent":
+            ours, theirs = FusedDrqn(dqn, first_recurrent(*sizes)), PlainDqn(dqn, build_recurrent_network(*sizes))
+        else:
+            ours, theirs = FusedDqn(dqn, first_values(*sizes)), PlainDqn(dqn, build_network(*sizes))
         return lambda batch: ours.update(batch).metrics["loss"], theirs.update
 
     def batch(seen: Seen, rng: np.random.Generator) -> Batch:
         return Batch(
             observation_tm1=seen.draw(rng, *rows),
-            action_tm1=torch.tensor(rng.integers(N_ACTIONS, size=batch_size)),
-            reward_t=torch.tensor(-rng.integers(1, 20, batch_size).astype(np.float32)),
-            discount_t=torch.tensor((0.9 * (rng.random(batch_size) < 0.9)).astype(np.float32)),
+            action_tm1=rng.integers(N_ACTIONS, size=batch_size),
+            reward_t=-rng.integers(1, 20, batch_size).astype(np.float32),
+            discount_t=(0.9 * (rng.random(batch_size) < 0.9)).astype(np.float32),
             observation_t=seen.draw(rng, *rows),
-            weights=torch.tensor(1 - rng.random(batch_size, np.float32) / 2),
+            weights=1 - rng.random(batch_size, np.float32) / 2,
         )
 
     return Case(f"{name} update, {' sequences of '.join(map(str, reversed(rows)))} transitions", sides, batch)
@@ -102,8 +107,9 @@ def policy_case(name: str, batch_size: int, sil: SilConfig | None = None, epochs
 
     def sides() -> tuple[Learn, Learn]:
         config = NetworkConfig(kind="actor-critic", hidden=HIDDEN)
-        network = build_actor_critic(config, N_FEATURES, N_ACTIONS, seed=1)
-        flat, plain = FusedPolicy(network, ppo.learning_rate, ppo.max_gradient_norm), PlainPolicy(network, ppo)
+        sizes = config, N_FEATURES, N_ACTIONS, 1
+        flat = FusedPolicy(first_actor_critic(*sizes), ppo.learning_rate, ppo.max_gradient_norm)
+        plain = PlainPolicy(build_actor_critic(*sizes), ppo)
         if sil is not None:
             ours = Sil(sil, flat)
             return lambda batch: imitation_loss(ours.update(rows(batch), batch)[0], sil), lambda batch: plain.imitate(
@@ -118,11 +124,11 @@ def policy_case(name: str, batch_size: int, sil: SilConfig | None = None, epochs
     def batch(seen: Seen, rng: np.random.Generator) -> Experience:
         return Experience(
             observation_tm1=seen.draw(rng, batch_size),
-            action_tm1=torch.tensor(rng.integers(N_ACTIONS, size=batch_size)),
-            return_t=torch.tensor(-rng.random(batch_size, np.float32)),
-            least_return_t=torch.tensor(-rng.random(batch_size, np.float32)),
-            log_probability_tm1=torch.tensor(-1 - rng.random(batch_size, np.float32)),
-            value_tm1=torch.tensor(-rng.random(batch_size, np.float32)),
+            action_tm1=rng.integers(N_ACTIONS, size=batch_size),
+            return_t=-rng.random(batch_size, np.float32),
+            least_return_t=-rng.random(batch_size, np.float32),
+            log_probability_tm1=-1 - rng.random(batch_size, np.float32),
+            value_tm1=-rng.random(batch_size, np.float32),
         )
 
     what = "update" if epochs == 1 else f"episode of {epochs} updates"

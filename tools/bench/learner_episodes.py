@@ -22,9 +22,9 @@ from common.rail.world import N_ACTIONS
 from common.records.acting import Circumstances, Fragment, Lease
 from common.records.course import Course, Decisions
 from common.rules import settings_of
-from services.learner.algorithms.dqn import Dqn
 from services.learner.algorithms.drqn import sequences
 from services.learner.learning import Learning, Trainer, build_trainer
+from services.learner.textbook.dqn import Dqn
 from services.learner.training import ValueTrainer
 from tools.bench.measuring import Comparison, DisagreementError, Sample, timed
 

@@ -29,9 +29,9 @@ from common.rail.normalise import N_FEATURES
 from common.rail.world import N_ACTIONS
 from common.rules.replay import PrioritizedReplay, UniformReplay
 from common.rules.settings import NetworkConfig
-from services.learner.network.sparse import SparseRows, dense_rows
 from services.learner.replay.priorities import ADDED_TO_PRIORITY
 from services.learner.replay.replay import Replay
+from services.learner.sparse import SparseRows, dense_rows
 from tools.bench.conditions import study_rollouts
 from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
 

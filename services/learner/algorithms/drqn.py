@@ -18,19 +18,19 @@ from functools import partial
 
 import numpy as np
 
-from common.policy.recurrent import build_recurrent_network
+from common.policy.first_weights import first_recurrent
 from common.rules.drqn import Settings
 from services.learner.fused.drqn import FusedDrqn
 from services.learner.learning import Learning
-from services.learner.network.sparse import SparseRows
 from services.learner.replay.replay import Replay, Sample
+from services.learner.sparse import SparseRows
 from services.learner.training import ValueTrainer
 
 
 def build(learning: Learning[Settings]) -> ValueTrainer:
     """The trainer of `drqn`."""
     settings = learning.settings
-    network = build_recurrent_network(settings.network, learning.n_features, learning.n_actions, learning.seed)
+    network = first_recurrent(settings.network, learning.n_features, learning.n_actions, learning.seed)
     look = partial(sequences, length=settings.dqn.sequence_decisions)
     return ValueTrainer(learning, FusedDrqn(settings.dqn, network), look)
 

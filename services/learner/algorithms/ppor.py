@@ -11,19 +11,15 @@ What the text leaves open: there is no update until the replay holds a batch.
 from common.rules.ppor import ReplayedPpoConfig, Settings
 from services.learner.algorithms.ppo import Ppo
 from services.learner.experience import Experience, ExperienceReplay, WithReplay
-from services.learner.fused.policy import FusedPolicy
 from services.learner.learning import Learning, Trainer
-from services.learner.network.policies import PolicyNetwork
-from services.learner.network.sparse import sparse_rows
-from services.learner.policy_training import PolicyTrainer, build_network
+from services.learner.policy_training import Policy, PolicyTrainer, build_network
+from services.learner.sparse import sparse_rows
 
 
 class FromReplay(WithReplay):
     """Every epoch is an update on a batch from the replay."""
 
-    def __init__(
-        self, config: ReplayedPpoConfig, network: FusedPolicy | PolicyNetwork, replay: ExperienceReplay
-    ) -> None:
+    def __init__(self, config: ReplayedPpoConfig, network: Policy, replay: ExperienceReplay) -> None:
         super().__init__(replay)
         self._epochs = config.epochs
         self._batch_size = config.batch_size

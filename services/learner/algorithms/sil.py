@@ -19,61 +19,25 @@ What the text leaves open:
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
 from common.rules.sil import Settings, SilConfig
-from services.learner.algorithms.ppo import WholeEpisodes, check_finite, log_probability
-from services.learner.algorithms.shapes import check_shapes
+from services.learner.algorithms.ppo import WholeEpisodes, check_finite
 from services.learner.experience import Experience, ExperienceReplay, WithReplay
-from services.learner.fused.policy import FusedPolicy
 from services.learner.learning import Learning, Trainer
-from services.learner.network.policies import PolicyNetwork
-from services.learner.network.sparse import SparseRows, sparse_rows
-from services.learner.policy_training import PolicyTrainer, build_network
+from services.learner.policy_training import Policy, PolicyTrainer, build_network
+from services.learner.sparse import SparseRows, sparse_rows
 
 METRICS = ("sil_policy_loss", "sil_value_loss", "sil_gain", "sil_positive_share", "sil_gradient_norm")
 
 
-def imitation_policy_loss(log_probability_tm1: Tensor, gain: Tensor) -> Tensor:
-    """Makes actions more likely that turned out better than expected.
-
-    Equation 2 of Oh et al. 2018, equation 2.36 of the study, without the mean.
-
-    Args:
-        log_probability_tm1: [B], of the actions that were taken.
-        gain: [B], positive parts of return less value, detached.
-
-    Returns:
-        [B].
-    """
-    check_shapes("B B", log_probability_tm1, gain)
-    return -log_probability_tm1 * gain
-
-
-def imitation_value_loss(value: Tensor, return_t: Tensor) -> Tensor:
-    """Half the squared error of values that are too low; values that are too high are left alone.
-
-    Equation 3 of Oh et al. 2018, equation 2.37 of the study, without the mean.
-
-    Args:
-        value: [B].
-        return_t: [B].
-
-    Returns:
-        [B].
-    """
-    check_shapes("B B", value, return_t)
-    return (return_t - value).clamp(min=0).square() / 2
-
-
 class Sil:
-    """Trains an actor-critic, a batch at a time: in compiled code, or by autograd a network that has none."""
+    """Trains an actor-critic, a batch at a time."""
 
-    def __init__(self, config: SilConfig, network: FusedPolicy | PolicyNetwork) -> None:
+    def __init__(self, config: SilConfig, network: Policy) -> None:
         self._config = config
         self._network = network
 
-    def update(self, x: SparseRows, batch: Experience) -> tuple[dict[str, float], Tensor]:
+    def update(self, x: SparseRows, batch: Experience) -> tuple[dict[str, float], NDArray[np.float32]]:
         """One step of Adam on `policy loss + beta * value loss`, means over the batch.
 
         Args:
@@ -87,28 +51,9 @@ class Sil:
         Raises:
             FloatingPointError: the loss is not finite; the network is as it was.
         """
-        if isinstance(self._network, PolicyNetwork):
-            return self._step(self._network, x, batch)
         numbers, gains = self._network.imitate(self._config.value_weight, x, batch)
         check_finite(float(numbers[-1]))
         return dict(zip(METRICS, numbers[:-1].tolist(), strict=True)), gains
-
-    def _step(self, network: PolicyNetwork, x: SparseRows, batch: Experience) -> tuple[dict[str, float], Tensor]:
-        logits, value = network.outputs(x)
-        gain = (batch.least_return_t - value).detach().clamp(min=0)
-        policy_loss = imitation_policy_loss(log_probability(logits, batch.action_tm1), gain).mean()
-        value_loss = imitation_value_loss(value, batch.least_return_t).mean()
-        loss = policy_loss + self._config.value_weight * value_loss
-        check_finite(loss.item())
-        gradient_norm = network.descend(loss)
-        metrics = {
-            "sil_policy_loss": policy_loss.item(),
-            "sil_value_loss": value_loss.item(),
-            "sil_gain": gain.mean().item(),
-            "sil_positive_share": (gain > 0).float().mean().item(),
-            "sil_gradient_norm": gradient_norm,
-        }
-        return metrics, gain
 
 
 class SelfImitation(WithReplay):
@@ -134,9 +79,9 @@ class SelfImitation(WithReplay):
         return metrics
 
 
-def _priorities(gain: Tensor) -> NDArray[np.float64]:
+def _priorities(gain: NDArray[np.float32]) -> NDArray[np.float64]:
     """The positive parts."""
-    return np.maximum(gain.numpy(), 0).astype(np.float64)
+    return np.maximum(gain, 0).astype(np.float64)
 
 
 def build(learning: Learning[Settings]) -> Trainer:

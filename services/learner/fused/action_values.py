@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from common.kernel import bare_kernel, kernel
 from common.policy.twin import join_heads
+from services.learner.fused.adam import corrections
 from services.learner.fused.packed import GRADIENT, MEAN, SQUARE, TARGET, VALUES
 from services.learner.fused.perceptron import descend, gradients, head, mark, norm, outputs, room_for
-from services.learner.network.adam import corrections
 
 _Floats = NDArray[np.float32]
 _Ints = NDArray[np.int64]

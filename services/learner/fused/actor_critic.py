@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import bare_kernel, kernel
+from services.learner.fused.adam import corrections
 from services.learner.fused.packed import GRADIENT, MEAN, SQUARE, VALUES
 from services.learner.fused.perceptron import Room, descend, gradients, head, length, mark, norm, outputs, room_for
 from services.learner.fused.policy_losses import imitation_loss, ppo_loss
 from services.learner.fused.tile import WIDTH
-from services.learner.network.adam import corrections
 
 _Floats = NDArray[np.float32]
 _Doubles = NDArray[np.float64]

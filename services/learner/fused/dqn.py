@@ -3,26 +3,25 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.policy.networks import QNetwork
+from common.policy.first_weights import FirstNetwork
 from common.rules.values import DqnConfig
 from services.learner.fused.action_values import update
 from services.learner.fused.packed import Packed, Training
-from services.learner.network.sparse import sparse_rows
+from services.learner.sparse import sparse_rows
 from services.learner.training import Batch, Update
 
 METRICS = ("loss", "mean_q", "td_error", "gradient_norm")
 
 
 class FusedDqn(Training):
-    """Trains a copy of a `QNetwork` as `algorithms.dqn.Dqn` does."""
+    """Trains a network as `textbook.dqn.Dqn` trains a `QNetwork`."""
 
-    def __init__(self, config: DqnConfig, network: QNetwork) -> None:
+    def __init__(self, config: DqnConfig, network: FirstNetwork) -> None:
         self._config = config
-        self._n_actions, self._dueling = network.n_actions, network.dueling
-        hidden = [len(layer.get_parameter("bias")) for layer in network.hidden]
-        heads = {"value": 1, "advantage": network.n_actions} if network.dueling else {"q": network.n_actions}
-        stack = Packed(network.n_features, {"hidden": hidden}, heads)
-        super().__init__(network, [stack], has_target=config.target_tau is not None)
+        self._n_actions, self._dueling = network.n_actions, network.config.kind == "dueling"
+        heads = {"value": 1, "advantage": network.n_actions} if self._dueling else {"q": network.n_actions}
+        stack = Packed(network.n_features, {"hidden": network.config.hidden}, heads)
+        super().__init__(network.weights, [stack], has_target=config.target_tau is not None)
         self._widths = stack.widths
 
     def update(self, batch: Batch) -> Update:
@@ -46,10 +45,10 @@ class FusedDqn(Training):
             self._n_actions,
             self._dueling,
             self._config.double,
-            batch.action_tm1.numpy(),
-            batch.reward_t.numpy(),
-            batch.discount_t.numpy(),
-            batch.weights.numpy(),
+            batch.action_tm1,
+            batch.reward_t,
+            batch.discount_t,
+            batch.weights,
             self._config.learning_rate,
             np.float32(self._config.target_tau or 0),
             self.steps,

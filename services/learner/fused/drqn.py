@@ -2,25 +2,24 @@
 
 import numpy as np
 
-from common.policy.recurrent import RecurrentQNetwork
+from common.policy.first_weights import FirstNetwork
 from common.rules.values import DqnConfig
 from services.learner.fused.dqn import METRICS, updated
 from services.learner.fused.packed import PackedRecurrent, Training
 from services.learner.fused.recurrent_values import update
-from services.learner.network.sparse import sparse_rows
+from services.learner.sparse import sparse_rows
 from services.learner.training import Batch, Update
 
 
 class FusedDrqn(Training):
-    """Trains a copy of a `RecurrentQNetwork` as `algorithms.dqn.Dqn` does."""
+    """Trains a network as `textbook.dqn.Dqn` would train a `RecurrentQNetwork`."""
 
-    def __init__(self, config: DqnConfig, network: RecurrentQNetwork) -> None:
+    def __init__(self, config: DqnConfig, network: FirstNetwork) -> None:
         self._config = config
-        self._n_actions, self._units = network.n_actions, network.lstm.hidden_size
-        hidden = [self._units, *(len(layer.get_parameter("bias")) for layer in network.hidden)]
+        self._n_actions, self._units = network.n_actions, network.config.hidden[0]
         heads = {"value": 1, "advantage": network.n_actions}
-        self._stack = PackedRecurrent(network.n_features, {"hidden": hidden}, heads)
-        super().__init__(network, [self._stack], has_target=config.target_tau is not None)
+        self._stack = PackedRecurrent(network.n_features, {"hidden": network.config.hidden}, heads)
+        super().__init__(network.weights, [self._stack], has_target=config.target_tau is not None)
 
     def update(self, batch: Batch) -> Update:
         """One step of Adam on the weighted mean squared error, then one of the target network; see `Dqn.update`.
@@ -45,10 +44,10 @@ class FusedDrqn(Training):
             t.values,
             self._n_actions,
             self._config.double,
-            batch.action_tm1.numpy(),
-            batch.reward_t.numpy(),
-            batch.discount_t.numpy(),
-            batch.weights.numpy(),
+            batch.action_tm1,
+            batch.reward_t,
+            batch.discount_t,
+            batch.weights,
             self._config.learning_rate,
             np.float32(self._config.target_tau or 0),
             self.steps,

@@ -9,11 +9,9 @@ import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
 
-from common.policy.networks import export_tensors, import_tensors
+from common.policy.named import copies, overwrite
 from common.policy.packing import GATES
 from services.learner.fused.tile import WIDTH
 
@@ -40,8 +38,8 @@ class Packed:
         self.first_length = (n_features + 1) * self.input_width
         self.length = self._length()
 
-    def named(self, flat: NDArray[np.float32]) -> dict[str, Tensor]:
-        """Views of an array [length], with the names and shapes that the parameters have in the torch network."""
+    def named(self, flat: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
+        """Views of an array [length], with the names and shapes that the parameters have in the module of torch."""
         found = self._first(flat)
         start = self.first_length
         for layer, (n_in, n_out) in enumerate(itertools.pairwise(self.widths[1:]), 1):
@@ -53,18 +51,18 @@ class Packed:
     def _length(self) -> int:
         return self.first_length + int(sum((n_in + 1) * n_out for n_in, n_out in itertools.pairwise(self.widths[1:])))
 
-    def _first(self, flat: NDArray[np.float32]) -> dict[str, Tensor]:
+    def _first(self, flat: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
         """Of the first layer."""
         return self._layer(0, flat[: self.first_length])
 
-    def _layer(self, layer: int, flat: NDArray[np.float32]) -> dict[str, Tensor]:
+    def _layer(self, layer: int, flat: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
         n_in, n_out = self.widths[layer : layer + 2]
         weight, bias = flat[: n_in * n_out].reshape(n_in, n_out), flat[n_in * n_out :]
-        found: dict[str, Tensor] = {}
+        found: dict[str, NDArray[np.float32]] = {}
         column = 0
         for name, width in self._parts(layer).items():
-            found[f"{name}.weight"] = torch.from_numpy(weight[: self._real[layer], column : column + width].T)
-            found[f"{name}.bias"] = torch.from_numpy(bias[column : column + width])
+            found[f"{name}.weight"] = weight[: self._real[layer], column : column + width].T
+            found[f"{name}.bias"] = bias[column : column + width]
             column += width
         return found
 
@@ -89,7 +87,7 @@ class PackedRecurrent(Packed):
         self.first_length = int(n_features + self.widths[1] + 2) * self.input_width
         self.length = self._length()
 
-    def _first(self, flat: NDArray[np.float32]) -> dict[str, Tensor]:
+    def _first(self, flat: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
         table = flat[: self.first_length].reshape(-1, self.input_width)[:, : self._gates]
         n_features, units, end = self._real[0], self._real[1], len(table)
         parts = {
@@ -98,7 +96,7 @@ class PackedRecurrent(Packed):
             "bias_ih_l0": table[end - 2],
             "bias_hh_l0": table[end - 1],
         }
-        return {f"lstm.{name}": torch.from_numpy(part) for name, part in parts.items()}
+        return {f"lstm.{name}": part for name, part in parts.items()}
 
     def _named(self, layer: int) -> str:
         return super()._named(layer - 1)
@@ -117,16 +115,17 @@ class Training:
         seen: [F], which inputs were ever other than zero. The weights of others have no moments.
     """
 
-    def __init__(self, network: nn.Module, stacks: Sequence[Packed], *, has_target: bool = False) -> None:
-        """The parameters start as a copy of those of `network`; so does the target."""
+    def __init__(
+        self, weights: Mapping[str, NDArray[np.float32]], stacks: Sequence[Packed], *, has_target: bool = False
+    ) -> None:
+        """The parameters start as a copy of `weights`; so does the target."""
         self._stacks = stacks
         self.arrays = np.zeros((4 + has_target, sum(stack.length for stack in stacks)), np.float32)
         self.seen = np.zeros(int(stacks[0].widths[0]), np.bool_)
         self._steps = np.zeros((), np.float32)
         for row in (VALUES, TARGET)[: 1 + has_target]:
-            for name, view in self._named(row).items():
-                view.copy_(network.get_parameter(name).detach())
-        self._parameters = {name: view.numpy() for name, view in self._named(VALUES).items()}
+            overwrite(self._named(row), weights)
+        self._parameters = self._named(VALUES)
 
     @property
     def steps(self) -> int:
@@ -138,12 +137,12 @@ class Training:
         self._steps[()] = steps
 
     def weights(self) -> dict[str, NDArray[np.float32]]:
-        """A copy of the parameters, by their names in the torch network."""
-        return {name: view.copy(order="K") for name, view in self._parameters.items()}
+        """A copy of the parameters, by their names in the module of torch."""
+        return copies(self._parameters)
 
     def state(self) -> dict[str, NDArray[np.float32]]:
         """A copy of all that training changes: `network/*`, `target/*`, `steps`, `exp_avg/*` and `exp_avg_sq/*`."""
-        return export_tensors(self._tensors())
+        return copies(self._arrays())
 
     def restore(self, state: Mapping[str, NDArray[np.float32]]) -> None:
         """Take on a `state`: all that follows is the same to the bit.
@@ -151,7 +150,7 @@ class Training:
         Raises:
             ValueError: naming the tensor that does not fit; then nothing has changed.
         """
-        import_tensors(self._tensors(), state)
+        overwrite(self._arrays(), state)
         self.arrays[GRADIENT] = 0
         self.seen[:] = False
         start = 0
@@ -163,19 +162,19 @@ class Training:
                 self.seen |= (by_input[TARGET] != by_input[VALUES]).any(1)
             start += stack.length
 
-    def _named(self, row: int) -> dict[str, Tensor]:
-        found: dict[str, Tensor] = {}
+    def _named(self, row: int) -> dict[str, NDArray[np.float32]]:
+        found: dict[str, NDArray[np.float32]] = {}
         start = 0
         for stack in self._stacks:
             found |= stack.named(self.arrays[row, start : start + stack.length])
             start += stack.length
         return found
 
-    def _tensors(self) -> dict[str, Tensor]:
+    def _arrays(self) -> dict[str, NDArray[np.float32]]:
         networks = {"network": VALUES} | ({"target": TARGET} if len(self.arrays) > TARGET else {})
-        steps = {"steps": torch.from_numpy(self._steps)}
+        steps = {"steps": self._steps}
         return self._by_part(networks) | steps | self._by_part({"exp_avg": MEAN, "exp_avg_sq": SQUARE})
 
-    def _by_part(self, rows: Mapping[str, int]) -> dict[str, Tensor]:
+    def _by_part(self, rows: Mapping[str, int]) -> dict[str, NDArray[np.float32]]:
         parts = {part: self._named(row) for part, row in rows.items()}
-        return {f"{part}/{name}": tensor for part, tensors in parts.items() for name, tensor in tensors.items()}
+        return {f"{part}/{name}": array for part, arrays in parts.items() for name, array in arrays.items()}

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from common.kernel import bare_kernel, kernel
 from services.learner.fused.activations import activate, differentiate
+from services.learner.fused.adam import move
 from services.learner.fused.products import forward, input_gradient, weight_gradient
 from services.learner.fused.tile import HEIGHT, WIDTH
-from services.learner.network.adam import move
-from services.learner.network.sparse import accumulate, multiply
+from services.learner.sparse import accumulate, multiply
 
 _Floats = NDArray[np.float32]
 _Ints = NDArray[np.int64]

@@ -1,38 +1,38 @@
 """An actor-critic that learns in compiled code."""
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
-from common.policy.actor_critic import ActorCritic
+from common.policy.first_weights import FirstNetwork
 from common.rules.policies import PpoConfig
 from services.learner.experience import Experience
 from services.learner.fused.actor_critic import evaluate, imitate, ppo
 from services.learner.fused.packed import Packed, Training
-from services.learner.network.sparse import SparseRows
+from services.learner.sparse import SparseRows
 
 PPO_NUMBERS = 8  # of an update: what `policy_losses` names, the norm of all gradients, the loss
 IMITATION_NUMBERS = 6
 
+Imitation = tuple[NDArray[np.float64], NDArray[np.float32]]
+
 
 class FusedPolicy(Training):
-    """A copy of an `ActorCritic` to train with the updates of `algorithms.ppo` and `algorithms.sil`."""
+    """A `services.learner.policy_training.Policy` that has no module."""
 
-    def __init__(self, network: ActorCritic, learning_rate: float, max_gradient_norm: float) -> None:
+    def __init__(self, network: FirstNetwork, learning_rate: float, max_gradient_norm: float) -> None:
         """Gradients are clipped to `max_gradient_norm`, those of actor and critic each."""
         self.n_features, self._n_actions = network.n_features, network.n_actions
-        hidden = [len(layer.get_parameter("bias")) for layer in network.actor_hidden]
         heads = {"actor": network.n_actions, "critic": 1}
+        hidden = network.config.hidden
         stacks = [Packed(self.n_features, {f"{part}_hidden": hidden}, {part: width}) for part, width in heads.items()]
-        super().__init__(network, stacks)
+        super().__init__(network.weights, stacks)
         self._widths = np.stack([stack.widths for stack in stacks])
         self._learning_rate, self._limit = learning_rate, max_gradient_norm
 
-    def values(self, x: SparseRows) -> Tensor:
+    def values(self, x: SparseRows) -> NDArray[np.float32]:
         """The values [B] of observations [B, F]."""
-        values = torch.zeros(x.n_rows)
-        evaluate(self._widths, self.arrays, x.starts, x.columns, x.values, values.numpy())
+        values = np.zeros(x.n_rows, np.float32)
+        evaluate(self._widths, self.arrays, x.starts, x.columns, x.values, values)
         return values
 
     def ppo(self, config: PpoConfig, x: SparseRows, batch: Experience, count: int) -> NDArray[np.float64]:
@@ -50,10 +50,10 @@ class FusedPolicy(Training):
             x.columns,
             x.values,
             self._n_actions,
-            batch.action_tm1.numpy(),
-            batch.return_t.numpy(),
-            batch.log_probability_tm1.numpy(),
-            batch.value_tm1.numpy(),
+            batch.action_tm1,
+            batch.return_t,
+            batch.log_probability_tm1,
+            batch.value_tm1,
             config.clip,
             config.value_weight,
             config.entropy_weight,
@@ -64,13 +64,13 @@ class FusedPolicy(Training):
         )
         return metrics
 
-    def imitate(self, value_weight: float, x: SparseRows, batch: Experience) -> tuple[NDArray[np.float64], Tensor]:
+    def imitate(self, value_weight: float, x: SparseRows, batch: Experience) -> Imitation:
         """Make an update of self-imitation, unless its loss is not finite.
 
         Returns:
             Its numbers [6]: as `policy_losses` names them, the norm of all gradients, the loss. And the gains [B].
         """
-        metrics, gains = np.zeros(IMITATION_NUMBERS), torch.zeros(x.n_rows)
+        metrics, gains = np.zeros(IMITATION_NUMBERS), np.zeros(x.n_rows, np.float32)
         self.steps += imitate(
             self._widths,
             self.arrays,
@@ -79,13 +79,13 @@ class FusedPolicy(Training):
             x.columns,
             x.values,
             self._n_actions,
-            batch.action_tm1.numpy(),
-            batch.least_return_t.numpy(),
+            batch.action_tm1,
+            batch.least_return_t,
             value_weight,
             self._limit,
             self._learning_rate,
             self.steps,
-            gains.numpy(),
+            gains,
             metrics,
         )
         return metrics, gains

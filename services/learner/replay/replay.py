@@ -9,22 +9,19 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import DTypeLike, NDArray
-from torch import Tensor
 
 from common.kernel import bare_kernel
 from common.rules.replay import PrioritizedReplay, ReplayConfig
-from services.learner.network.sparse import SparseRows
 from services.learner.replay.drawing import draw, gather
 from services.learner.replay.priorities import Priorities
 from services.learner.replay.rows import RowRing, RowsOut
+from services.learner.sparse import SparseRows
 
 BACK = "back"  # the column that `histories` follows
 ROWS = "rows"  # of a state
 PRIORITIES = ("priorities", "priority_maximum")
 NUMBERS = (np.int8, np.int16, np.int32, np.float32)  # what a column may be
-ALIGNED = 16  # items, so that whatever is given out begins with a line of the cache
 
 
 class Sample(NamedTuple):
@@ -37,9 +34,9 @@ class Sample(NamedTuple):
         places: [B], where the items lie, for `reprioritise` and `histories`.
     """
 
-    columns: dict[str, Tensor]
+    columns: dict[str, NDArray[Any]]
     rows: dict[str, SparseRows]
-    weights: Tensor
+    weights: NDArray[np.float32]
     places: NDArray[np.int64]
 
 
@@ -212,23 +209,22 @@ class Replay:
         return size
 
     def _make_sample(self, size: int) -> None:
-        """What samples of this size are given out in, and the memory of these tensors."""
-        room = -(-size // ALIGNED) * ALIGNED
-        integers = torch.zeros(len(self._integers), room, dtype=torch.int64)
-        floats = torch.zeros(len(self._floats), room)
-        weights = torch.ones(size)
+        """What samples of this size are given out in, and the memory of these arrays."""
+        integers = np.zeros((len(self._integers), size), np.int64)
+        floats = np.zeros((len(self._floats), size), np.float32)
+        weights = np.ones(size, np.float32)
         names = *self._integers, *self._floats
-        columns = {name: tensor[:size] for name, tensor in zip(names, (*integers, *floats), strict=True)}
+        columns = dict(zip(names, (*integers, *floats), strict=True))
         self._rows_out = self._rows.room_for(size, len(self._row_names))
         rows = {name: self._row(self._rows_out, number, size) for number, name in enumerate(self._row_names)}
         self._sample = Sample(columns, rows, weights, np.zeros(size, np.int64))
-        self._items = self._numbers.reshape(-1), integers.numpy(), _bits(floats.numpy())
-        self._weights_out: NDArray[np.float32] = weights.numpy()
+        self._items = self._numbers.reshape(-1), integers, floats.view(np.uint32)
+        self._weights_out = weights
 
     def _row(self, memory: RowsOut, number: int, *shape: int) -> SparseRows:
         """The rows [*shape, F] that a row's memory holds."""
         starts, columns, values = (array[number] for array in memory)
-        return SparseRows(torch.Size((*shape, self._n_features)), starts, columns, values.view(np.float32))
+        return SparseRows((*shape, self._n_features), starts, columns, values.view(np.float32))
 
 
 def _bits(rows: NDArray[np.float32]) -> NDArray[np.uint32]:

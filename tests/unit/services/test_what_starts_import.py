@@ -15,14 +15,11 @@ import services.actor.service, services.evaluator.service
 LeasePlayer(config, LevelSupply(config.world.levels), chooser_of(config)).get_ready("easy")
 """
 LEARNING = """
-from common.policy.determinism import deterministic_torch
 import services.learner.service
 from services.learner.learning import build_trainer, learning_of
-deterministic_torch()
 build_trainer(config.rule, learning_of(config)).weights()
 """
 ELSEWHERE = ("flatland", "boto3", "botocore", "pandas", "matplotlib", "networkx", "PIL")
-COMPILERS_OF_TORCH = ("torch._inductor", "torch._dynamo", "sympy")  # that take a second or two
 
 
 def imported(code, names):
@@ -39,7 +36,7 @@ def imported(code, names):
         ("import services.router.__main__", (*ELSEWHERE, "torch", "numba", "scipy")),
         ("import services.actor.service, services.evaluator.service", (*ELSEWHERE, "torch", "numba", "scipy")),
         (RESOLVED + ACTING, (*ELSEWHERE, "torch")),
-        (RESOLVED + LEARNING, (*ELSEWHERE, *COMPILERS_OF_TORCH)),
+        (RESOLVED + LEARNING, (*ELSEWHERE, "torch")),
     ],
     ids=["router", "imports", "acting", "learning"],
 )

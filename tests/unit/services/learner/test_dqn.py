@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 import torch
+from made_networks import first_of
 
 from common.policy.networks import build_network, import_parameters
 from common.rules.settings import NetworkConfig
 from common.rules.values import DqnConfig
-from services.learner.algorithms.dqn import double_q_target, error_gradient, q_target, soft_update
 from services.learner.fused.dqn import FusedDqn
+from services.learner.textbook.dqn import double_q_target, error_gradient, q_target, soft_update
 from services.learner.training import Batch
 
 R_T = torch.tensor([-1.0, -2.0])
@@ -63,17 +64,17 @@ def make_dqn(*, double=False, target_tau=None):
         target_tau=target_tau,
         double=double,
     )
-    return FusedDqn(config, network)
+    return FusedDqn(config, first_of(network))
 
 
 def one_transition():
     return Batch(
-        observation_tm1=torch.tensor([[2.0]]),
-        action_tm1=torch.tensor([1]),
-        reward_t=torch.tensor([-1.0]),
-        discount_t=torch.tensor([0.5]),
-        observation_t=torch.tensor([[1.0]]),
-        weights=torch.tensor([1.0]),
+        observation_tm1=np.array([[2.0]], np.float32),
+        action_tm1=np.array([1]),
+        reward_t=np.array([-1.0], np.float32),
+        discount_t=np.array([0.5], np.float32),
+        observation_t=np.array([[1.0]], np.float32),
+        weights=np.array([1.0], np.float32),
     )
 
 
@@ -98,7 +99,7 @@ def test_an_update_by_hand():
 
 
 def test_a_weight_scales_the_loss_and_its_gradient():
-    metrics = make_dqn().update(one_transition()._replace(weights=torch.tensor([0.5]))).metrics
+    metrics = make_dqn().update(one_transition()._replace(weights=np.array([0.5], np.float32))).metrics
     assert metrics["loss"] == pytest.approx(5.5**2 / 2)
     assert metrics["td_error"] == pytest.approx(5.5)
     assert metrics["gradient_norm"] == pytest.approx(5.5 * math.sqrt(4 + 1 + 36 + 9))
@@ -126,7 +127,7 @@ def test_divergence_is_an_error_that_leaves_the_network_alone():
     dqn = make_dqn()
     before = dqn.weights()
     with pytest.raises(FloatingPointError, match=r"lower dqn\.learning_rate"):
-        dqn.update(one_transition()._replace(reward_t=torch.tensor([math.inf])))
+        dqn.update(one_transition()._replace(reward_t=np.array([math.inf], np.float32)))
     for name, array in dqn.weights().items():
         np.testing.assert_array_equal(array, before[name])
 

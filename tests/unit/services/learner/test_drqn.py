@@ -5,9 +5,9 @@ from made_episodes import decided
 
 from common.rules.replay import UniformReplay
 from services.learner.algorithms.drqn import sequences
-from services.learner.network.sparse import dense_rows
 from services.learner.replay.replay import Replay
 from services.learner.replay.transitions import COLUMNS, ROWS, TransitionMaker
+from services.learner.sparse import dense_rows
 
 
 def test_sequences_are_what_a_train_saw_up_to_a_transition_and_from_one_decision_on():

@@ -7,6 +7,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_networks import first_of
 
 from common.policy.actor_critic import build_actor_critic
 from common.policy.arithmetic import tanh32
@@ -17,19 +18,19 @@ from common.rules.policies import PpoConfig
 from common.rules.settings import NetworkConfig
 from common.rules.sil import SilConfig
 from common.rules.values import DqnConfig
-from services.learner.algorithms.dqn import Dqn
 from services.learner.algorithms.ppo import Ppo
 from services.learner.algorithms.sil import Sil
 from services.learner.experience import Experience
 from services.learner.fused import perceptron, products
+from services.learner.fused.adam import LEAST, move
 from services.learner.fused.dqn import FusedDqn
 from services.learner.fused.packed import VALUES
 from services.learner.fused.policy import FusedPolicy
-from services.learner.network.adam import LEAST, move
-from services.learner.network.policies import PolicyNetwork
-from services.learner.network.sparse import sparse_rows
-from services.learner.plain_dqn import PlainDqn
-from services.learner.plain_policy import PlainPolicy
+from services.learner.sparse import sparse_rows
+from services.learner.textbook.dqn import Dqn
+from services.learner.textbook.plain_dqn import PlainDqn
+from services.learner.textbook.plain_policy import PlainPolicy
+from services.learner.textbook.policies import PolicyNetwork
 from services.learner.training import Batch
 
 SHAPES = st.tuples(st.sampled_from([(8,), (16, 33), (5, 17, 9)]), st.integers(1, 20), st.integers(2, 19))
@@ -79,33 +80,33 @@ def test_tanh_is_exact_to_rounding_near_zero_too():
 
 
 def observations(rng, rows, n_features):
-    return torch.tensor(numbers(rng, rows, n_features) * (rng.random((rows, n_features)) < 0.4), dtype=torch.float32)
+    return numbers(rng, rows, n_features) * (rng.random((rows, n_features)) < 0.4).astype(np.float32)
 
 
 def experience(rng, rows, n_features, n_actions):
     return Experience(
         observation_tm1=observations(rng, rows, n_features),
-        action_tm1=torch.tensor(rng.integers(n_actions, size=rows)),
-        return_t=torch.tensor(-rng.random(rows, np.float32)),
-        least_return_t=torch.tensor(-rng.random(rows, np.float32)),
-        log_probability_tm1=torch.tensor(-np.log(n_actions) - 0.2 + 0.4 * rng.random(rows, np.float32)),
-        value_tm1=torch.tensor(-rng.random(rows, np.float32)),
+        action_tm1=rng.integers(n_actions, size=rows),
+        return_t=-rng.random(rows, np.float32),
+        least_return_t=-rng.random(rows, np.float32),
+        log_probability_tm1=np.float32(-np.log(n_actions) - 0.2) + np.float32(0.4) * rng.random(rows, np.float32),
+        value_tm1=-rng.random(rows, np.float32),
     )
 
 
 def transitions(rng, rows, n_features, n_actions):
     return Batch(
         observation_tm1=observations(rng, rows, n_features),
-        action_tm1=torch.tensor(rng.integers(n_actions, size=rows)),
-        reward_t=torch.tensor(-rng.random(rows, np.float32)),
-        discount_t=torch.tensor(rng.choice([0, 0.9], rows).astype(np.float32)),
+        action_tm1=rng.integers(n_actions, size=rows),
+        reward_t=-rng.random(rows, np.float32),
+        discount_t=rng.choice([0, 0.9], rows).astype(np.float32),
         observation_t=observations(rng, rows, n_features),
-        weights=torch.tensor(rng.random(rows, np.float32)),
+        weights=rng.random(rows, np.float32),
     )
 
 
 def in_float64(batch):
-    return type(batch)(*(column.double() if column.is_floating_point() else column for column in batch))
+    return type(batch)(*(column.astype(np.float64) if column.dtype.kind == "f" else column for column in batch))
 
 
 def actor_critic(hidden, n_features, n_actions):
@@ -137,7 +138,7 @@ def assert_same_weights(weights, network):
 def test_ppo_has_the_gradients_of_autograd(shape, rows, limit, seed):
     config = PpoConfig(learning_rate=1e-3, epochs=1, entropy_weight=0.1, max_gradient_norm=limit)
     network, batch = actor_critic(*shape), experience(np.random.default_rng(seed), rows, *shape[1:])
-    ours, plain = FusedPolicy(network, 1e-3, limit), PlainPolicy(copy.deepcopy(network).double(), config)
+    ours, plain = FusedPolicy(first_of(network), 1e-3, limit), PlainPolicy(copy.deepcopy(network).double(), config)
     Ppo(config, ours).update(sparse_rows(batch.observation_tm1), batch)
     plain.update(in_float64(batch))
     assert_gradients_of_first_step(ours.state(), plain._network)
@@ -148,7 +149,7 @@ def test_ppo_has_the_gradients_of_autograd(shape, rows, limit, seed):
 def test_imitation_has_the_gradients_of_autograd(shape, rows, seed):
     config, sil = PpoConfig(learning_rate=1e-3, epochs=1), SilConfig(epochs=1, batch_size=rows, value_weight=0.5)
     network, batch = actor_critic(*shape), experience(np.random.default_rng(seed), rows, *shape[1:])
-    ours, plain = FusedPolicy(network, 1e-3, 0.5), PlainPolicy(copy.deepcopy(network).double(), config)
+    ours, plain = FusedPolicy(first_of(network), 1e-3, 0.5), PlainPolicy(copy.deepcopy(network).double(), config)
     Sil(sil, ours).update(sparse_rows(batch.observation_tm1), batch)
     plain.imitate(in_float64(batch), sil)
     assert_gradients_of_first_step(ours.state(), plain._network)
@@ -161,7 +162,7 @@ def test_action_values_have_the_gradients_of_autograd(shape, kind, rows, seed):
     config = DqnConfig(learning_rate=1e-3, batch_size=rows, learn_every_steps=1, target_tau=0.1)
     network = build_network(NetworkConfig(kind=kind, hidden=hidden), n_features, n_actions, seed=1)
     batch = transitions(np.random.default_rng(seed), rows, n_features, n_actions)
-    ours, plain = FusedDqn(config, network), PlainDqn(config, copy.deepcopy(network).double())
+    ours, plain = FusedDqn(config, first_of(network)), PlainDqn(config, copy.deepcopy(network).double())
     ours.update(batch)
     plain.update(in_float64(batch))
     assert_gradients_of_first_step(ours.state(), plain._network)
@@ -170,7 +171,7 @@ def test_action_values_have_the_gradients_of_autograd(shape, kind, rows, seed):
 def test_ten_epochs_end_where_torch_does():
     config, shape = PpoConfig(learning_rate=5e-4, epochs=10), ((128, 128), 252, 5)
     network, batch = actor_critic(*shape), experience(np.random.default_rng(1), 85, 252, 5)
-    ours, plain = FusedPolicy(network, 5e-4, 0.5), PlainPolicy(copy.deepcopy(network).double(), config)
+    ours, plain = FusedPolicy(first_of(network), 5e-4, 0.5), PlainPolicy(copy.deepcopy(network).double(), config)
     Ppo(config, ours).update(sparse_rows(batch.observation_tm1), batch, 10)
     for _ in range(10):
         plain.update(in_float64(batch))
@@ -181,7 +182,7 @@ def test_ten_epochs_end_where_torch_does():
 def test_ten_updates_of_action_values_end_where_torch_does(kind):
     config = DqnConfig(learning_rate=3e-4, batch_size=150, learn_every_steps=1, target_tau=0.05)
     network, rng = build_network(NetworkConfig(kind=kind, hidden=(128, 128)), 252, 5, seed=1), np.random.default_rng(1)
-    ours, plain = FusedDqn(config, network), PlainDqn(config, copy.deepcopy(network).double())
+    ours, plain = FusedDqn(config, first_of(network)), PlainDqn(config, copy.deepcopy(network).double())
     for _ in range(10):
         batch = transitions(rng, 150, 252, 5)
         ours.update(batch)
@@ -192,10 +193,10 @@ def test_ten_updates_of_action_values_end_where_torch_does(kind):
 @pytest.mark.parametrize("hidden", [(8,), (16, 33), (5, 17, 9)])
 def test_actors_and_learners_compute_the_same_bits(hidden):
     network, x = actor_critic(hidden, 20, 5), observations(np.random.default_rng(1), 9, 20)
-    ours, twin = FusedPolicy(network, 1e-3, 0.5), Twin(Layout("actor-critic", 20, 5, hidden))
+    ours, twin = FusedPolicy(first_of(network), 1e-3, 0.5), Twin(Layout("actor-critic", 20, 5, hidden))
     twin.load(ours.weights())
-    acted, rows = twin.outputs(x.numpy()), sparse_rows(x)
-    assert ours.values(rows).numpy().tobytes() == acted[:, 5].tobytes()
+    acted, rows = twin.outputs(x), sparse_rows(x)
+    assert ours.values(rows).tobytes() == acted[:, 5].tobytes()
     widths, room = ours._widths[0], perceptron.room_for(ours._widths[0], 9)
     perceptron.outputs(widths, ours.arrays[VALUES], rows[1:], 9, True, room)
     logits = room.outs[perceptron.head(widths, 9) :].reshape(9, -1)[:, :5]
@@ -210,7 +211,7 @@ def states_of(learners):
 def test_inputs_that_were_never_seen_are_left_out_without_a_difference(switches):
     config = DqnConfig(learning_rate=3e-4, batch_size=20, learn_every_steps=1, **switches)
     network, rng = build_network(NetworkConfig(kind="dueling", hidden=(16, 8)), 30, 5, seed=1), np.random.default_rng(1)
-    left_out, all_in = FusedDqn(config, network), FusedDqn(config, network)
+    left_out, all_in = FusedDqn(config, first_of(network)), FusedDqn(config, first_of(network))
     all_in.seen[:] = True
     for _ in range(5):
         batch = transitions(rng, 20, 30, 5)
@@ -226,7 +227,7 @@ def test_inputs_that_were_never_seen_are_left_out_without_a_difference(switches)
 def test_a_restored_learner_has_seen_what_the_first_had(switches):
     config = DqnConfig(learning_rate=3e-4, batch_size=20, learn_every_steps=1, **switches)
     network, rng = build_network(NetworkConfig(hidden=(16, 8)), 30, 5, seed=1), np.random.default_rng(1)
-    straight, restored = FusedDqn(config, network), FusedDqn(config, network)
+    straight, restored = FusedDqn(config, first_of(network)), FusedDqn(config, first_of(network))
     restored.update(transitions(rng, 20, 30, 5))  # whatever it has learned before
     batch = transitions(rng, 20, 30, 5)
     batch.observation_tm1[:, ::2] = 0
@@ -241,9 +242,9 @@ def test_a_restored_learner_has_seen_what_the_first_had(switches):
 
 def test_what_is_not_a_number_is_an_error_and_changes_nothing():
     network = build_network(NetworkConfig(hidden=(4,)), 6, 3, seed=1)
-    dqn = FusedDqn(DqnConfig(learning_rate=0.1, batch_size=1, learn_every_steps=1), network)
+    dqn = FusedDqn(DqnConfig(learning_rate=0.1, batch_size=1, learn_every_steps=1), first_of(network))
     batch = transitions(np.random.default_rng(1), 2, 6, 3)
-    batch.observation_tm1[0, 3] = torch.nan
+    batch.observation_tm1[0, 3] = np.nan
     [before] = states_of([dqn])
     with pytest.raises(FloatingPointError, match="the loss is nan"):
         dqn.update(batch)
@@ -269,7 +270,7 @@ def assert_each_takes_the_state_of_the_other(first, second):
 def test_states_of_action_values_are_those_of_the_updates_by_autograd(kind):
     config = DqnConfig(learning_rate=3e-4, batch_size=20, learn_every_steps=1, target_tau=0.1)
     network, rng = build_network(NetworkConfig(kind=kind, hidden=(16, 8)), 30, 5, seed=1), np.random.default_rng(1)
-    fused, plain = FusedDqn(config, network), Dqn(config, network)
+    fused, plain = FusedDqn(config, first_of(network)), Dqn(config, network)
     fused.update(transitions(rng, 20, 30, 5))
     assert_each_takes_the_state_of_the_other(fused, plain)
 
@@ -277,6 +278,6 @@ def test_states_of_action_values_are_those_of_the_updates_by_autograd(kind):
 def test_states_of_policies_are_those_of_the_updates_by_autograd():
     rng = np.random.default_rng(1)
     network = actor_critic((16, 8), 30, 5)
-    policy, batch = FusedPolicy(network, 1e-3, 0.5), experience(rng, 20, 30, 5)
+    policy, batch = FusedPolicy(first_of(network), 1e-3, 0.5), experience(rng, 20, 30, 5)
     Ppo(PpoConfig(learning_rate=1e-3, epochs=1), policy).update(sparse_rows(batch.observation_tm1), batch)
     assert_each_takes_the_state_of_the_other(policy, PolicyNetwork(network, 1e-3, 0.5))

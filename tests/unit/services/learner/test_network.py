@@ -9,9 +9,9 @@ from torch import nn
 
 from common.policy.networks import build_network, linear_layer
 from common.rules.settings import NetworkConfig
-from services.learner.network.adam import Adam
-from services.learner.network.parameters import LINE, Parameters
-from services.learner.network.sparse import sparse_rows
+from services.learner.sparse import sparse_rows
+from services.learner.textbook.adam import Adam
+from services.learner.textbook.parameters import LINE, Parameters
 
 F, A = 21, 3
 
@@ -21,7 +21,7 @@ F, A = 21, 3
 def test_sparse_rows_hold_what_is_not_zero(rows, columns, density, seed):
     generator = np.random.default_rng(seed)
     x = generator.standard_normal((rows, columns), np.float32) * (generator.random((rows, columns)) < density)
-    sparse = sparse_rows(torch.tensor(x, dtype=torch.float32))
+    sparse = sparse_rows(x.astype(np.float32))
     assert sparse.shape == (rows, columns)
     assert sparse.n_rows == rows
     for row, (first, last) in enumerate(zip(sparse.starts[:-1], sparse.starts[1:], strict=True)):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-import torch
+from made_networks import first_of
 
 from common.policy.actor_critic import build_actor_critic
 from common.policy.networks import export_parameters
@@ -13,8 +13,8 @@ from services.learner.algorithms.ppo import Ppo
 from services.learner.algorithms.sil import Sil
 from services.learner.experience import Experience
 from services.learner.fused.policy import FusedPolicy
-from services.learner.network.sparse import sparse_rows
-from services.learner.plain_policy import PlainPolicy
+from services.learner.sparse import sparse_rows
+from services.learner.textbook.plain_policy import PlainPolicy
 
 PPO = PpoConfig(learning_rate=0.003, epochs=1, entropy_weight=0.1, max_gradient_norm=0.1)
 SIL = SilConfig(epochs=1, batch_size=40, value_weight=0.5)
@@ -25,19 +25,19 @@ def batches(count, size=40, features=6, actions=3):
     for _ in range(count):
         observation = -rng.random((size, features), np.float32) * (rng.random((size, features)) < 0.5)
         yield Experience(
-            observation_tm1=torch.tensor(observation.astype(np.float32)),
-            action_tm1=torch.tensor(rng.integers(actions, size=size)),
-            return_t=torch.tensor(-rng.random(size, np.float32)),
-            least_return_t=torch.tensor(-rng.random(size, np.float32)),
-            log_probability_tm1=torch.tensor(-0.6 - rng.random(size, np.float32)),
-            value_tm1=torch.tensor(-rng.random(size, np.float32)),
+            observation_tm1=observation.astype(np.float32),
+            action_tm1=rng.integers(actions, size=size),
+            return_t=-rng.random(size, np.float32),
+            least_return_t=-rng.random(size, np.float32),
+            log_probability_tm1=-0.6 - rng.random(size, np.float32),
+            value_tm1=-rng.random(size, np.float32),
         )
 
 
 @pytest.mark.parametrize("hidden", [(8,), (8, 5), (8, 5, 7)])
 def test_updates_are_those_of_plain_torch(hidden):
     network = build_actor_critic(NetworkConfig(kind="actor-critic", hidden=hidden), 6, 3, seed=1)
-    ours = FusedPolicy(network, PPO.learning_rate, PPO.max_gradient_norm)
+    ours = FusedPolicy(first_of(network), PPO.learning_rate, PPO.max_gradient_norm)
     ppo, sil, plain = Ppo(PPO, ours), Sil(SIL, ours), PlainPolicy(network, PPO)
     for batch in batches(20):
         [told] = ppo.update(sparse_rows(batch.observation_tm1), batch)

@@ -7,8 +7,8 @@ import torch
 from common.policy.actor_critic import build_actor_critic
 from common.policy.networks import export_parameters
 from common.rules.settings import NetworkConfig
-from services.learner.network.policies import PolicyNetwork
-from services.learner.network.sparse import sparse_rows
+from services.learner.sparse import sparse_rows
+from services.learner.textbook.policies import PolicyNetwork
 
 FEATURES, ACTIONS = 6, 3
 
@@ -22,7 +22,7 @@ def make_network(hidden=(8, 5)):
 
 def batches(count, size=10):
     generator = torch.Generator().manual_seed(1)
-    return [-torch.rand(size, FEATURES, generator=generator) for _ in range(count)]
+    return [-torch.rand(size, FEATURES, generator=generator).numpy() for _ in range(count)]
 
 
 def some_loss(logits, value, scale=1.0):
@@ -36,7 +36,7 @@ def test_steps_are_those_of_autograd_and_adam(hidden):
     adam = torch.optim.Adam(network.parameters(), lr=0.01)
     for batch in batches(5):
         logits, value = flat.outputs(sparse_rows(batch))
-        expected_logits, expected_value = network(batch)
+        expected_logits, expected_value = network(torch.tensor(batch))
         torch.testing.assert_close(logits, expected_logits)
         torch.testing.assert_close(value, expected_value)
         norm = flat.descend(some_loss(logits, value))
@@ -58,7 +58,9 @@ def test_gradients_of_actor_and_critic_are_clipped_each():
     gradients = {name.removeprefix("exp_avg/"): 10 * array for name, array in flat.state().items() if "avg/" in name}
     critic = [gradient.ravel() for name, gradient in gradients.items() if name.startswith("critic")]
     assert np.linalg.norm(np.concatenate(critic)) == pytest.approx(0.5, rel=1e-4)
-    expected = torch.autograd.grad(0.001 * network.logits(batches(1)[0])[:, 0].mean(), network.actor.bias)[0]
+    expected = torch.autograd.grad(
+        0.001 * network.logits(torch.tensor(batches(1)[0]))[:, 0].mean(), network.actor.bias
+    )[0]
     np.testing.assert_allclose(gradients["actor.bias"], expected, rtol=1e-4)
 
 
@@ -75,7 +77,7 @@ def test_weights_are_a_copy_with_the_names_and_shapes_of_the_network():
 def test_values_are_those_of_outputs():
     flat = PolicyNetwork(make_network(), 0.01, 0.5)
     batch = batches(1)[0]
-    assert torch.equal(flat.values(sparse_rows(batch)), flat.outputs(sparse_rows(batch))[1].detach())
+    np.testing.assert_array_equal(flat.values(sparse_rows(batch)), flat.outputs(sparse_rows(batch))[1].detach())
 
 
 def test_a_state_that_does_not_fit_is_refused():

@@ -5,22 +5,23 @@ import math
 import numpy as np
 import pytest
 import torch
+from made_networks import first_of
 
 from common.policy.actor_critic import build_actor_critic
 from common.policy.networks import import_parameters
 from common.rules.policies import PpoConfig
 from common.rules.settings import NetworkConfig
-from services.learner.algorithms.ppo import (
-    Ppo,
+from services.learner.algorithms.ppo import Ppo
+from services.learner.experience import Experience
+from services.learner.fused.policy import FusedPolicy
+from services.learner.sparse import sparse_rows
+from services.learner.textbook.ppo import (
     clipped_surrogate,
     clipped_value_loss,
     entropy,
     log_probability,
     standardised,
 )
-from services.learner.experience import Experience
-from services.learner.fused.policy import FusedPolicy
-from services.learner.network.sparse import sparse_rows
 
 
 def test_log_probability_by_hand():
@@ -83,18 +84,18 @@ def make_network(config):
     network = build_actor_critic(NetworkConfig(kind="actor-critic", hidden=(1,)), n_features=1, n_actions=2, seed=0)
     zeros = {name: np.zeros(tuple(tensor.shape), np.float32) for name, tensor in network.named_parameters()}
     import_parameters(network, zeros | {"critic.bias": np.array([-0.5], np.float32)})
-    return FusedPolicy(network, config.learning_rate, config.max_gradient_norm)
+    return FusedPolicy(first_of(network), config.learning_rate, config.max_gradient_norm)
 
 
 def batch_of(actions, returns, values=None, log_probabilities=None):
     count = len(actions)
     return Experience(
-        observation_tm1=torch.zeros(count, 1),
-        action_tm1=torch.tensor(actions),
-        return_t=torch.tensor(returns),
-        least_return_t=torch.tensor(returns),
-        log_probability_tm1=torch.tensor(log_probabilities or [math.log(0.5)] * count),
-        value_tm1=torch.tensor(values or [-0.5] * count),
+        observation_tm1=np.zeros((count, 1), np.float32),
+        action_tm1=np.array(actions),
+        return_t=np.array(returns, np.float32),
+        least_return_t=np.array(returns, np.float32),
+        log_probability_tm1=np.array(log_probabilities or [math.log(0.5)] * count, np.float32),
+        value_tm1=np.array(values or [-0.5] * count, np.float32),
     )
 
 

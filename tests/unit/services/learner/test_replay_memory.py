@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.rules.replay import PrioritizedReplay, UniformReplay
-from services.learner.network.sparse import dense_rows
 from services.learner.replay.replay import Replay
+from services.learner.sparse import dense_rows
 
 F = 3
 COLUMNS = {"action": np.int8, "reward": np.float32, "back": np.int32}
@@ -78,8 +77,8 @@ def test_the_ring_is_a_list_whose_oldest_give_way(kind, capacity, additions, see
             expected = numbered(0, added)
             rows = {name: dense_rows(row) for name, row in sample.rows.items()}
             assert set(rows) == set(ROWS)
-            for name, tensor in (sample.columns | rows).items():
-                np.testing.assert_array_equal(tensor.numpy(), expected[name][np.array(ring)[sample.places]])
+            for name, array in (sample.columns | rows).items():
+                np.testing.assert_array_equal(array, expected[name][np.array(ring)[sample.places]])
 
 
 def test_uniform_places_are_the_generators_own():
@@ -118,19 +117,18 @@ def test_a_restored_replay_goes_on_with_the_same_bits(kind, capacity, steps, tur
         assert straight.metrics() == restored.metrics()
 
 
-def test_a_sample_lies_in_torchs_memory_and_uses_it_again():
+def test_a_sample_uses_its_memory_again():
     replay = make_replay(10, "prioritized")
     replay.add(numbered(0, 10))
     first = replay.sample(4, np.random.default_rng(1))
-    assert {name: tensor.dtype for name, tensor in first.columns.items()} == {
-        "action": torch.int64,
-        "reward": torch.float32,
-        "back": torch.int64,
+    assert {name: array.dtype for name, array in first.columns.items()} == {
+        "action": np.int64,
+        "reward": np.float32,
+        "back": np.int64,
     }
     assert first.rows["before"].shape == (4, F)
-    assert all(tensor.data_ptr() % 64 == 0 for tensor in [*first.columns.values(), first.weights])
     second = replay.sample(4, np.random.default_rng(2))
-    assert all(second.columns[name] is tensor for name, tensor in first.columns.items())
+    assert all(second.columns[name] is array for name, array in first.columns.items())
     assert second.rows is first.rows
     assert second.places is not first.places
     assert replay.sample(6, np.random.default_rng(2)).columns["reward"].shape == (6,)
@@ -140,7 +138,7 @@ def test_sampling_is_uniform():
     replay = make_replay(4)
     replay.add(numbered(0, 6))
     sample = replay.sample(8000, np.random.default_rng(1))
-    numbers, counts = np.unique(sample.columns["reward"].numpy(), return_counts=True)
+    numbers, counts = np.unique(sample.columns["reward"], return_counts=True)
     assert sorted(-numbers) == [2, 3, 4, 5]
     assert (abs(counts - 2000) < 200).all()  # five standard deviations
 
@@ -212,7 +210,7 @@ def test_numbers_come_back_to_the_bit_and_with_their_sign(kind):
     for name, array in items.items():
         assert replay.state()[name].tobytes() == array.tobytes()
         expected = array[sample.places].astype(np.float32 if name == "real" else np.int64)
-        assert sample.columns[name].numpy().tobytes() == expected.tobytes()
+        assert sample.columns[name].tobytes() == expected.tobytes()
 
 
 def test_columns_of_more_than_32_bits_are_refused():

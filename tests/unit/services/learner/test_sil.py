@@ -11,9 +11,10 @@ from common.rules.policies import PpoConfig
 from common.rules.replay import PrioritizedReplay
 from common.rules.sil import SilConfig
 from services.learner.algorithms.ppo import WholeEpisodes
-from services.learner.algorithms.sil import SelfImitation, Sil, imitation_policy_loss, imitation_value_loss
+from services.learner.algorithms.sil import SelfImitation, Sil
 from services.learner.experience import ExperienceReplay
-from services.learner.network.sparse import sparse_rows
+from services.learner.sparse import sparse_rows
+from services.learner.textbook.sil import imitation_policy_loss, imitation_value_loss
 
 
 def test_imitation_policy_loss_by_hand():
@@ -102,7 +103,7 @@ def test_no_imitation_before_the_replay_holds_a_batch():
 
 def test_what_a_stopped_train_might_still_have_got_is_not_imitated():
     rule, _, replay = make_rule(value_weight=1.0)
-    hopeful = batch_of([0, 1], [-0.1, -0.1])._replace(least_return_t=torch.tensor([-0.9, -0.4]))
+    hopeful = batch_of([0, 1], [-0.1, -0.1])._replace(least_return_t=np.array([-0.9, -0.4], np.float32))
     _, sil = rule.learn(hopeful)
     assert replay.given[0] == pytest.approx([0, 0.1])
     assert sil["sil_gain"] == pytest.approx(0.1)

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from services.learner.network.parameters import Parameters
-from services.learner.network.sparse import SparseRows, dense_rows
+from services.learner.sparse import SparseRows, dense_rows
+from services.learner.textbook.parameters import Parameters
 
 
 class ModuleBody:
@@ -38,7 +38,7 @@ class ModuleBody:
     def run(self, x: SparseRows) -> tuple[Tensor, ...]:
         """The module's outputs for observations [..., F], with their graph."""
         with torch.enable_grad():
-            out = self._module(dense_rows(x))
+            out = self._module(torch.tensor(dense_rows(x)))
         return out if isinstance(out, tuple) else (out,)
 
     def differentiate(self, outputs: Sequence[Tensor], gradients: Sequence[Tensor]) -> None:

@@ -1,4 +1,4 @@
-"""Adam over all parameters at once.
+"""Steps of Adam.
 
 "Adam: A Method for Stochastic Optimization", Kingma & Ba, arXiv:1412.6980, algorithm 1, with its betas and epsilon.
 Additions, multiplications, divisions and square roots only, element by element: the same bits on every machine.
@@ -8,47 +8,12 @@ Moments that have faded below what float32 holds in full are zero: processors ta
 import math
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from common.kernel import bare_kernel
-from services.learner.network.parameters import Parameters
 
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
 LEAST = np.float32(2.0**-126)
-
-
-class Adam:
-    """Steps along the gradients of `parameters`."""
-
-    def __init__(self, parameters: Parameters, learning_rate: float) -> None:
-        self._parameters = parameters
-        self._learning_rate = learning_rate
-        self._steps = torch.zeros(())
-        self._mean = torch.zeros_like(parameters.flat)
-        self._square = torch.zeros_like(parameters.flat)
-
-    def step(self) -> None:
-        """Move all parameters, by what is in their gradients now."""
-        self._steps += 1
-        move(
-            self._parameters.flat.numpy(),
-            self._parameters.flat_gradient.numpy(),
-            self._mean.numpy(),
-            self._square.numpy(),
-            np.float32(1),
-            *corrections(self._learning_rate, int(self._steps)),
-        )
-
-    def tensors(self) -> dict[str, Tensor]:
-        """Views of all that steps change, but the parameters: `steps`, and by parameter `exp_avg/*`, `exp_avg_sq/*`."""
-        means, squares = self._parameters.named(self._mean), self._parameters.named(self._square)
-        return {
-            "steps": self._steps,
-            **{f"exp_avg/{name}": tensor for name, tensor in means.items()},
-            **{f"exp_avg_sq/{name}": tensor for name, tensor in squares.items()},
-        }
 
 
 @bare_kernel

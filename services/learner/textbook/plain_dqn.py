@@ -10,7 +10,8 @@ from torch import Tensor, nn
 from common.policy.networks import export_parameters
 from common.policy.recurrent import RecurrentQNetwork
 from common.rules.values import DqnConfig
-from services.learner.network.sparse import dense_rows
+from services.learner.sparse import Observations, dense_rows
+from services.learner.textbook.dqn import TensorBatch
 from services.learner.training import Batch
 
 
@@ -25,12 +26,13 @@ class PlainDqn:
 
     def update(self, batch: Batch) -> float:
         """One step of Adam, and one of the target network; returns the loss."""
+        own = TensorBatch.of(batch)
         with torch.no_grad():
-            q_t = action_values(self._target, dense_rows(batch.observation_t))
-            target = batch.reward_t + batch.discount_t * q_t.max(dim=1).values
-        q_tm1 = action_values(self._network, dense_rows(batch.observation_tm1))
-        taken = q_tm1.gather(1, batch.action_tm1.unsqueeze(1)).squeeze(1)
-        loss = (batch.weights * (taken - target) ** 2).mean()
+            q_t = action_values(self._target, batch.observation_t)
+            target = own.reward_t + own.discount_t * q_t.max(dim=1).values
+        q_tm1 = action_values(self._network, batch.observation_tm1)
+        taken = q_tm1.gather(1, own.action_tm1.unsqueeze(1)).squeeze(1)
+        loss = (own.weights * (taken - target) ** 2).mean()
         self._optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         self._optimizer.step()
@@ -45,8 +47,9 @@ class PlainDqn:
         return export_parameters(self._network)
 
 
-def action_values(network: nn.Module, observation: Tensor) -> Tensor:
+def action_values(network: nn.Module, observations: Observations) -> Tensor:
     """[B, A], of observations [B, F], or of the last of sequences [L, B, F]."""
+    observation = torch.tensor(dense_rows(observations))
     if isinstance(network, RecurrentQNetwork):
         q: Tensor = network(observation)[0][-1]
         return q

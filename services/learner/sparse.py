@@ -7,9 +7,7 @@ network's weights. Sums run over a row's own non-zeros in ascending order.
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from common.kernel import bare_kernel
 
@@ -23,13 +21,13 @@ class SparseRows(NamedTuple):
     """What is not zero in R rows of F numbers, row after row.
 
     Attributes:
-        shape: [..., F], of the tensor that it was; R is the product of all but F.
+        shape: [..., F], of the array that it was; R is the product of all but F.
         starts: [R + 1], where each row begins in the other two.
         columns: [at least all], in ascending order for each row.
         values: [at least all].
     """
 
-    shape: torch.Size
+    shape: tuple[int, ...]
     starts: _Ints
     columns: _Ints
     values: _Floats
@@ -39,29 +37,29 @@ class SparseRows(NamedTuple):
         return len(self.starts) - 1
 
 
-Observations = Tensor | SparseRows  # [..., F]
+Observations = NDArray[np.float32] | SparseRows  # [..., F]
 
 
 def sparse_rows(x: Observations) -> SparseRows:
-    """The rows of x [..., F], a tensor being of float32 and contiguous."""
+    """The rows of x [..., F], an array being contiguous."""
     if isinstance(x, SparseRows):
         return x
-    dense = x.numpy().view(np.uint32).reshape(-1, x.shape[-1])
+    dense = x.view(np.uint32).reshape(-1, x.shape[-1])
     starts = np.empty(len(dense) + 1, np.int64)
     columns, values = np.empty(dense.size + 1, np.int64), np.empty(dense.size + 1, np.float32)
     find(dense, starts, columns, values.view(np.uint32))
     return SparseRows(x.shape, starts, columns, values)
 
 
-def dense_rows(x: Observations) -> Tensor:
+def dense_rows(x: Observations) -> NDArray[np.float32]:
     """The rows of x [..., F] with their zeros."""
-    if isinstance(x, Tensor):
+    if isinstance(x, np.ndarray):
         return x
-    dense = torch.zeros(x.n_rows, x.shape[-1])
+    dense = np.zeros((x.n_rows, x.shape[-1]), np.float32)
     count = x.starts[-1]
     rows = np.repeat(np.arange(x.n_rows), np.diff(x.starts))
-    dense.numpy()[rows, x.columns[:count]] = x.values[:count]
-    return dense.view(x.shape)
+    dense[rows, x.columns[:count]] = x.values[:count]
+    return dense.reshape(x.shape)
 
 
 @bare_kernel

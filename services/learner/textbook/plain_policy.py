@@ -1,23 +1,24 @@
-"""Policy updates as a textbook writes them in torch: what `algorithms.ppo` and `sil` are measured and checked against.
+"""Policy updates as a textbook writes them in torch: what `fused` is measured and checked against.
 
 The losses are ours; network, gradients and optimiser are torch's own.
 """
 
+import torch
 from torch import Tensor, nn, optim
 
 from common.policy.actor_critic import ActorCritic
 from common.rules.policies import PpoConfig
 from common.rules.sil import SilConfig
-from services.learner.algorithms.ppo import (
+from services.learner.experience import Experience
+from services.learner.sparse import dense_rows
+from services.learner.textbook.ppo import (
     clipped_surrogate,
     clipped_value_loss,
     entropy,
     log_probability,
     standardised,
 )
-from services.learner.algorithms.sil import imitation_policy_loss, imitation_value_loss
-from services.learner.experience import Experience
-from services.learner.network.sparse import dense_rows
+from services.learner.textbook.sil import imitation_policy_loss, imitation_value_loss
 
 
 class PlainPolicy:
@@ -29,20 +30,22 @@ class PlainPolicy:
 
     def update(self, batch: Experience) -> float:
         """One step of `ppo`; returns the loss."""
-        logits, value = self._network(dense_rows(batch.observation_tm1))
-        error = (batch.return_t - value).detach()
-        ratio = (log_probability(logits, batch.action_tm1) - batch.log_probability_tm1).exp()
+        logits, value = self._network(torch.tensor(dense_rows(batch.observation_tm1)))
+        return_t, before = torch.tensor(batch.return_t), torch.tensor(batch.log_probability_tm1)
+        error = (return_t - value).detach()
+        ratio = (log_probability(logits, torch.tensor(batch.action_tm1)) - before).exp()
         surrogate = clipped_surrogate(ratio, standardised(error), self._ppo.clip).mean()
-        value_loss = clipped_value_loss(value, batch.value_tm1, batch.return_t, self._ppo.clip).mean()
+        value_loss = clipped_value_loss(value, torch.tensor(batch.value_tm1), return_t, self._ppo.clip).mean()
         bonus = entropy(logits).mean()
         return self._descend(-surrogate + self._ppo.value_weight * value_loss - self._ppo.entropy_weight * bonus)
 
     def imitate(self, batch: Experience, sil: SilConfig) -> float:
         """One step of `sil`; returns the loss."""
-        logits, value = self._network(dense_rows(batch.observation_tm1))
-        gain = (batch.least_return_t - value).detach().clamp(min=0)
-        policy_loss = imitation_policy_loss(log_probability(logits, batch.action_tm1), gain).mean()
-        return self._descend(policy_loss + sil.value_weight * imitation_value_loss(value, batch.least_return_t).mean())
+        logits, value = self._network(torch.tensor(dense_rows(batch.observation_tm1)))
+        return_t = torch.tensor(batch.least_return_t)
+        gain = (return_t - value).detach().clamp(min=0)
+        policy_loss = imitation_policy_loss(log_probability(logits, torch.tensor(batch.action_tm1)), gain).mean()
+        return self._descend(policy_loss + sil.value_weight * imitation_value_loss(value, return_t).mean())
 
     def _descend(self, loss: Tensor) -> float:
         self._optimizer.zero_grad()

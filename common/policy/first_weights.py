@@ -1,0 +1,108 @@
+"""The networks that runs begin with, in plain arrays: a function of the seed alone, on every machine.
+
+Names and shapes are those of the modules of torch, which take these weights over (`networks`, `actor_critic`,
+`recurrent`). Torch's own draws differ from one kind of processor to another, and importing it takes seconds.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.policy.orthogonal import orthogonal
+from common.policy.packing import GATES
+from common.rules.settings import NetworkConfig
+from common.seeding import stream_key
+
+Arrays = dict[str, NDArray[np.float32]]
+Shape = tuple[int, ...]
+
+HIDDEN_GAIN, ACTOR_GAIN, CRITIC_GAIN = math.sqrt(2), 0.01, 1.0
+
+
+class FirstNetwork(NamedTuple):
+    """A network before it has learned anything.
+
+    Attributes:
+        n_features: F.
+        n_actions: A.
+        config: its kind and widths.
+        weights: by the names of the module's parameters, in the order of its definition.
+    """
+
+    n_features: int
+    n_actions: int
+    config: NetworkConfig
+    weights: Arrays
+
+
+def first_values(config: NetworkConfig, n_features: int, n_actions: int, seed: int) -> FirstNetwork:
+    """That of a `QNetwork`.
+
+    Uniform in +-1/sqrt(n_in): PyTorch's own default, there written as Kaiming-uniform (He et al. 2015) with
+    a = sqrt(5), a bound of sqrt(6 / ((1 + a^2) n_in)).
+    """
+    rng = np.random.Generator(np.random.Philox(key=stream_key(seed, 0, "network")))
+    widths = (n_features, *config.hidden)
+    heads = {"value": 1, "advantage": n_actions} if config.kind == "dueling" else {"q": n_actions}
+    layers = [*_named("hidden", widths), *((name, widths[-1], width) for name, width in heads.items())]
+    return FirstNetwork(n_features, n_actions, config, _uniform_layers(layers, rng))
+
+
+def first_actor_critic(config: NetworkConfig, n_features: int, n_actions: int, seed: int) -> FirstNetwork:
+    """That of an `ActorCritic`: orthogonal, with the gains that it names; biases are zero."""
+    widths = (n_features, *config.hidden)
+    halves = (("actor", n_actions, ACTOR_GAIN), ("critic", 1, CRITIC_GAIN))
+    layers = [
+        layer
+        for half, width, gain in halves
+        for layer in (
+            *((*named, HIDDEN_GAIN) for named in _named(f"{half}_hidden", widths)),
+            (half, widths[-1], width, gain),
+        )
+    ]
+    weights: Arrays = {}
+    for index, (name, n_in, n_out, gain) in enumerate(layers):
+        weights[f"{name}.weight"] = orthogonal(n_out, n_in, gain, stream_key(seed, index, "orthogonal"))
+        weights[f"{name}.bias"] = np.zeros(n_out, np.float32)
+    return FirstNetwork(n_features, n_actions, config, weights)
+
+
+def first_recurrent(config: NetworkConfig, n_features: int, n_actions: int, seed: int) -> FirstNetwork:
+    """That of a `RecurrentQNetwork`, by PyTorch's default laws.
+
+    Uniform in +-1/sqrt(n_in) for linear layers, and in +-1/sqrt(width) for the LSTM.
+    """
+    rng = np.random.Generator(np.random.Philox(key=stream_key(seed, 0, "recurrent-network")))
+    units, last = config.hidden[0], config.hidden[-1]
+    gates = GATES * units
+    shapes: dict[str, Shape] = {
+        "lstm.weight_ih_l0": (gates, n_features),
+        "lstm.weight_hh_l0": (gates, units),
+        "lstm.bias_ih_l0": (gates,),
+        "lstm.bias_hh_l0": (gates,),
+    }
+    weights = {name: _uniform(shape, units, rng) for name, shape in shapes.items()}
+    layers = [*_named("hidden", config.hidden), ("value", last, 1), ("advantage", last, n_actions)]
+    return FirstNetwork(n_features, n_actions, config, weights | _uniform_layers(layers, rng))
+
+
+def _named(name: str, widths: Sequence[int]) -> Iterator[tuple[str, int, int]]:
+    """The layers of a stack: name, inputs, outputs."""
+    return ((f"{name}.{number}", *pair) for number, pair in enumerate(itertools.pairwise(widths)))
+
+
+def _uniform_layers(layers: Sequence[tuple[str, int, int]], rng: np.random.Generator) -> Arrays:
+    weights: Arrays = {}
+    for name, n_in, n_out in layers:
+        weights[f"{name}.weight"] = _uniform((n_out, n_in), n_in, rng)
+        weights[f"{name}.bias"] = _uniform((n_out,), n_in, rng)
+    return weights
+
+
+def _uniform(shape: Shape, fan: int, rng: np.random.Generator) -> NDArray[np.float32]:
+    drawn = 1 / math.sqrt(fan) * (2 * rng.random(shape) - 1)
+    return drawn.astype(np.float32)
