@@ -22,8 +22,9 @@ from common.policy.modules import ModuleChooser
 from common.policy.packing import Layout
 from common.rules import settings_of
 from common.seeding import stream_key
-from services.learner.algorithms.dqn import Dqn, single_observations
+from services.learner.algorithms.dqn import single_observations
 from services.learner.learning import Learning, build_trainer
+from services.learner.textbook.dqn import Dqn
 from services.learner.training import ValueTrainer
 
 ARRIVED = 4
