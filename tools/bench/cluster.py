@@ -24,7 +24,6 @@ from rich.table import Table
 
 from common.folder import RunFolder
 from common.levels.distributions import shipped
-from common.policy.determinism import deterministic_torch
 from common.records.rows import EpisodeRow, MetricRow
 from common.rows import read_rows
 from common.task import FAILED
@@ -184,7 +183,6 @@ def main() -> None:
     if chosen.episodes < 2:
         parser.error(f"--episodes {chosen.episodes}: a rate needs at least 2")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(FAILED))
-    deterministic_torch()
     names = chosen.algorithm or ALGORITHMS
     try:
         rows = []

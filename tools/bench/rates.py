@@ -14,7 +14,6 @@ from typing import Any
 
 from common.config import RunConfig, parse_config
 from common.levels.supply import LevelSupply
-from common.policy.determinism import deterministic_torch
 from common.policy.player import Acting, Players, chooser_of, play
 from common.task import Teller, carry_out, say
 from tools.bench.alone import Alone
@@ -65,7 +64,6 @@ def level_seconds(config: RunConfig, supply: LevelSupply, weights: dict[str, Any
 
 
 def main() -> None:
-    deterministic_torch()
     asked = json.loads(Path(sys.argv[1]).read_text())
     teller, found = Teller("measured"), {}
     for number, (name, data) in enumerate(asked["runs"].items(), start=1):
