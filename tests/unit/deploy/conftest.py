@@ -24,7 +24,7 @@ def tasks_here(monkeypatch):
 
 def _run_here(name, *arguments):
     """As `deploy.task.run_task`, whose own tests start processes."""
-    out, complaints, code = io.StringIO(), io.StringIO(), 0
+    out, complaints, code, level = io.StringIO(), io.StringIO(), 0, logging.root.level
     module = importlib.import_module(name)
     if hasattr(module, "__path__"):
         module = importlib.import_module(f"{name}.__main__")
@@ -39,6 +39,8 @@ def _run_here(name, *arguments):
             module.main()
         except SystemExit as end:
             code = end.code
+        finally:
+            logging.root.setLevel(level)
     if code:
         text = complaints.getvalue().splitlines()[-1]
         raise ConfigError(text) if code == WRONG_USAGE else task.Failed(text)
