@@ -43,12 +43,13 @@ def stock_levels(seeds: Sequence[int]) -> list[Level]:
         {"speeds": MIXED},
         {"speeds": {0.4: 0.5, 0.7: 0.5}, "malfunctions": OFTEN, "timetable": False},
     ]
-    return [stock_level(seed, 25, 5, 2, **kinds[at % len(kinds)]) for at, seed in enumerate(seeds)]
+    return [stock_level(seed, 25, 5, 2, **kinds[seed % len(kinds)]) for seed in seeds]
 
 
-@pytest.mark.parametrize("settings", SETTINGS, ids=NAMES)
-def test_stock_worlds_are_equal(settings: dict[str, Any]):
-    assert compare_worlds(stock_levels(range(4)), rules="stock", **settings) > 100
+@pytest.mark.parametrize(("first", "settings"), [*enumerate(SETTINGS)], ids=NAMES)
+def test_stock_worlds_are_equal(first: int, settings: dict[str, Any]):
+    """Three levels, so that a slot is loaded anew; which of the four kinds is left out changes."""
+    assert compare_worlds(stock_levels(range(first, first + 3)), rules="stock", **settings) > 100
 
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=NAMES)

@@ -16,12 +16,12 @@ def test_pause_scale_resume_checkpoint_down_up(clusters, undisturbed, tail):
     rows.until(2)
     clusters.pause("handled")
     assert "paused after" in clusters.railctl("pause", "handled").stdout
-    status = clusters.status("handled")
+    status = json.loads(clusters.railctl("status", "handled", "--json").stdout)
     assert status["state"] == "paused"
     done = status["progress"]["done"]
     clusters.railctl("scale", "handled", "easy=3")
     clusters.wait(lambda: _running_actors(clusters.status("handled")) == 3)
-    clusters.railctl("scale", "handled", "easy=1")
+    clusters.railctl_here("scale", "handled", "easy=1")
     clusters.wait(lambda: "actor-easy-2" not in living(clusters.folder("handled")))
     assert clusters.status("handled")["progress"]["done"] <= done + 1  # at most the one that was being trained
     assert json.loads(clusters.railctl("resume", "handled", "--json").stdout)["done"]
@@ -39,21 +39,33 @@ def test_pause_scale_resume_checkpoint_down_up(clusters, undisturbed, tail):
     assert ours == undisturbed
 
 
-def test_ctrl_c_stops_cleanly_and_a_second_run_goes_on(clusters, undisturbed, tail):
-    foreground = clusters.start("up", "--name", "interrupted", *clusters.options)
-    clusters.wait(clusters.folder("interrupted").episodes_file.exists)
-    rows = tail("interrupted")
-    rows.until(2)
-    clusters.pause("interrupted")  # or it may be over before it is interrupted
+def test_ctrl_c_stops_cleanly_and_loses_nothing(clusters, tail):
+    interrupt(clusters, tail, "interrupted")
+    status = clusters.status("interrupted")
+    assert status["state"] == "stopped"
+    assert status["progress"]["snapshot"] == status["progress"]["done"] >= 2
+
+
+@pytest.mark.slow
+def test_a_second_run_goes_on_where_ctrl_c_stopped_the_first(clusters, undisturbed, tail):
+    interrupt(clusters, tail, "interrupted-once")
+    clusters.goes_on_paused("interrupted-once")
+    tail("interrupted-once").rest()
+    assert clusters.curve("interrupted-once") == undisturbed
+
+
+def interrupt(clusters, tail, name):
+    """Start a run, and stop it with Ctrl-C after some episodes."""
+    foreground = clusters.start("up", "--name", name, *clusters.options)
+    clusters.wait(clusters.folder(name).episodes_file.exists)
+    tail(name).until(2)
+    clusters.pause(name)  # or it may be over before it is interrupted
     foreground.send_signal(signal.SIGINT)
     output, errors = foreground.communicate(timeout=60)
     assert foreground.returncode == 0, errors
     assert "stopping cleanly" in output
-    assert "railctl up --name interrupted goes on" in output
-    assert living(clusters.folder("interrupted")) == {}
-    clusters.goes_on_paused("interrupted")
-    tail("interrupted").rest()
-    assert clusters.curve("interrupted") == undisturbed
+    assert f"railctl up --name {name} goes on" in output
+    assert living(clusters.folder(name)) == {}
 
 
 @pytest.mark.slow
@@ -66,7 +78,7 @@ def test_a_second_up_attaches_and_another_configuration_is_refused(clusters, tai
     assert living(clusters.folder("twice"))["supervisor"] == before["supervisor"]
     refused = clusters.railctl("up", "--name", "twice", "--episodes", "99", code=2)
     assert "episodes 40, not 99" in refused.stderr
-    assert "no level hard" in clusters.railctl("scale", "twice", "hard=1", code=1).stderr
+    assert "no level hard" in clusters.railctl_here("scale", "twice", "hard=1", code=1).stderr
     clusters.railctl("down", "twice", "--force")
     assert living(clusters.folder("twice")) == {}
 

@@ -45,19 +45,32 @@ def alone(clusters, home):
     return curve
 
 
-def test_three_actors_one_of_them_killed_and_the_learner_too_give_the_same_curve(clusters, home, alone, tail):
-    clusters.railctl("up", "-f", "tidal.yaml", "--name", "tidal-three", "--actors", "tidal=3", "--detach", cwd=home)
-    rows = tail("tidal-three")
-    for episodes, process in ((3, "actor-tidal-0"), (6, "learner")):
-        rows.until(episodes)
-        clusters.kill("tidal-three", process)
-    rows.rest()
+def test_three_actors_of_flatland_itself_some_killed_give_the_same_curve(clusters, home, alone, tail):
+    disturb(clusters, home, tail, "tidal-three", "--engine", "flatland")
     assert clusters.curve("tidal-three") == alone
 
 
-def test_flatland_itself_gives_the_same_curve(clusters, home, alone):
-    clusters.railctl("up", "-f", "tidal.yaml", "--name", "tidal-stepped", "--engine", "flatland", cwd=home)
-    assert clusters.curve("tidal-stepped") == alone
+@pytest.mark.slow
+@pytest.mark.parametrize("killed", [False, True])
+@pytest.mark.parametrize("engine", ["compiled", "flatland"])
+def test_each_alone_gives_the_same_curve(clusters, home, alone, tail, engine, killed):
+    name, options = f"tidal-{engine}-{killed}", ("--engine", engine)
+    if killed:
+        disturb(clusters, home, tail, name, *options)
+    else:
+        clusters.railctl("up", "-f", "tidal.yaml", "--name", name, *options, cwd=home)
+    assert clusters.curve(name) == alone
+
+
+def disturb(clusters, home, tail, name, *options):
+    """Run three actors, of which one is killed, and then the learner."""
+    three = ("--name", name, "--actors", "tidal=3")
+    clusters.railctl("up", "-f", "tidal.yaml", *three, "--detach", *options, cwd=home)
+    rows = tail(name)
+    for episodes, process in ((3, "actor-tidal-0"), (6, "learner")):
+        rows.until(episodes)
+        clusters.kill(name, process)
+    rows.rest()
 
 
 def test_levels_go_out_to_files_and_a_run_trains_on_them_and_keeps_them(clusters, home):

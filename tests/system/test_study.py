@@ -20,8 +20,8 @@ STUDY = {
     ],
     "levels": ["easy"],
     "seeds": [3],
-    "episodes": 20,
-    "settings": {"evaluation": {"every_episodes": 20, "levels": 2}, "cluster": {"snapshot_every_episodes": 4}},
+    "episodes": 12,
+    "settings": {"evaluation": {"every_episodes": 12, "levels": 2}, "cluster": {"snapshot_every_episodes": 4}},
     "evaluation": {"episodes": 5},
     "references": ["random"],
     "judgement": {"block": 4},
@@ -64,7 +64,7 @@ def kill_all_of(clusters, folder: StudyFolder) -> None:
 def left_alone(clusters, described):
     output = clusters.railctl("study", "run", str(described)).stdout
     folder = folder_of(clusters, "small")
-    assert "2 of 2 runs done, 40 of 40 episodes" in output
+    assert "2 of 2 runs done, 24 of 24 episodes" in output
     assert f"report   {folder.report}" in output
     return numbers(folder)
 
@@ -95,8 +95,8 @@ def test_a_study_comes_to_the_same_numbers_whatever_is_killed(clusters, describe
 
     command = clusters.start(*run)
     runs = hold(clusters, folder)
-    assert "works on study study-killed already" in clusters.railctl(*run, code=1).stderr
-    status = json.loads(clusters.railctl("study", "status", "study-killed", "--json").stdout)
+    assert "works on study study-killed already" in clusters.railctl_here(*run, code=1).stderr
+    status = json.loads(clusters.railctl_here("study", "status", "study-killed", "--json").stdout)
     assert (status["process"], status["runs_done"]) == (command.pid, 0)
     command.kill()
     command.communicate()
@@ -114,7 +114,7 @@ def test_a_study_comes_to_the_same_numbers_whatever_is_killed(clusters, describe
         assert log.count("supervises") <= 2
         assert "runs already" not in log
     assert not list(folder.runs.glob("*/snapshots/*"))  # runs that are over go nowhere
-    assert "is finished" in clusters.railctl("up", "--name", "study-killed/runs/ppo-easy-3").stdout
+    assert "is finished" in clusters.railctl_here("up", "--name", "study-killed/runs/ppo-easy-3").stdout
 
 
 @pytest.mark.slow
@@ -145,7 +145,7 @@ def test_a_run_that_cannot_go_on_stops_no_other(clusters, described, left_alone)
     failed = clusters.railctl("study", "run", str(described), code=1)
     assert "! ppo-easy-3: learner cannot go on" in failed.stdout
     assert "1 of study small failed: railctl study run" in failed.stderr
-    assert "1 of 2 runs done, 1 failed" in clusters.railctl("study", "status", "small").stdout
+    assert "1 of 2 runs done, 1 failed" in clusters.railctl_here("study", "status", "small").stdout
     (damaged / "episodes.jsonl").write_text(rows)
     clusters.railctl("study", "run", str(described))
     assert numbers(folder) == left_alone  # without a snapshot it began anew

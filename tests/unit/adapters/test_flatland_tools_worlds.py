@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from flatland.envs.persistence import RailEnvPersister
 from rush_levels import RUSH, rush_level
-from terminal import run_command
+from terminal import run_here
 
 from adapters.flatland_tools import CheckpointObservation, CheckpointPolicy, StudyRewards
 from common.levels.distributions import shipped
@@ -183,13 +183,14 @@ def test_a_policy_of_the_old_rules_is_translated_whatever_it_sees(write_checkpoi
     assert (arrived_at >= 0).any()
 
 
-def test_the_console_commands_take_a_checkpoint_of_stock_rules(checkpoint_of, tmp_path):
+def test_the_console_commands_take_a_checkpoint_of_stock_rules(checkpoint_of, tmp_path, monkeypatch):
     level = rush_level(5)
     checkpoint_of(world_of({"kind": "local", "radius": 3}))
     save_pickle(tmp_path / "level.pkl", level)
     (tmp_path / "data").mkdir()
     where = ["--data-dir", "data", "--ep-id", "one", "--rewards", "adapters.flatland_tools.StudyRewards"]
-    generated = run_command(
+    run_here(
+        monkeypatch,
         tmp_path,
         "flatland-trajectory-generate-from-policy",
         *where,
@@ -198,7 +199,5 @@ def test_the_console_commands_take_a_checkpoint_of_stock_rules(checkpoint_of, tm
         *("--env-path", "level.pkl", "--snapshot-interval", "0"),
         RAILCTL_CHECKPOINT=str(tmp_path / "weights.safetensors"),
     )
-    assert generated.returncode == 0, generated.stderr
-    evaluated = run_command(tmp_path, "flatland-trajectory-evaluate", *where)
-    assert evaluated.returncode == 0, evaluated.stderr
+    evaluated = run_here(monkeypatch, tmp_path, "flatland-trajectory-evaluate", *where)
     assert "trains arrived. Expected" in evaluated.stdout

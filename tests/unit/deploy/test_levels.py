@@ -11,8 +11,9 @@ from typer.testing import CliRunner
 
 from common.levels import files
 from common.levels.bank import LevelBank
+from common.levels.build import build
 from common.levels.chunks import key_of
-from common.levels.distributions import StockLevels
+from common.levels.distributions import StockLevels, shipped
 from common.levels.generate import generate as generate_any
 from common.levels.shipped import generate
 from common.levels.supply import LevelSupply
@@ -41,7 +42,8 @@ RECORDINGS = Path(__file__).parents[2] / "parity" / "data" / "flatland222_episod
 
 
 @pytest.fixture
-def railctl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def railctl_in_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The command line as a user has it: what it asks for is done in a process of its own."""
     monkeypatch.setenv("RAILCTL_LEVELS", str(tmp_path / "bank"))
 
     def run(*arguments: object, code: int = 0) -> str:
@@ -52,7 +54,14 @@ def railctl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     return run
 
 
-def test_a_bank_is_built_and_verified(railctl, tmp_path: Path):
+@pytest.fixture
+def railctl(railctl_in_processes, tasks_here):
+    """The same in this process alone."""
+    return railctl_in_processes
+
+
+def test_a_bank_is_built_and_verified(railctl_in_processes, tmp_path: Path):
+    railctl = railctl_in_processes
     command = ("build", "--level", "easy", "--seeds", "3", "--episodes", 6, "--evaluation", 4)
     output = railctl(*command)
     assert "easy: 6 of 6" in output
@@ -63,8 +72,9 @@ def test_a_bank_is_built_and_verified(railctl, tmp_path: Path):
     assert f"no change in {len(bank.seeds('easy'))} levels" in railctl("verify", "--sample", 2)
 
 
-def test_damage_is_reported_in_one_line(railctl, tmp_path: Path):
-    railctl("build", "--level", "easy", "--seeds", "3", "--episodes", 2, "--evaluation", 0)
+def test_damage_is_reported_in_one_line(railctl_in_processes, tmp_path: Path):
+    railctl = railctl_in_processes
+    build(tmp_path / "bank", shipped()["easy"], [3, 4])
     path = next((tmp_path / "bank" / "easy").glob("*.levels"))
     path.write_bytes(path.read_bytes()[:-1])
     assert railctl("verify", code=1).strip() == (
@@ -235,10 +245,10 @@ def words(output: str) -> list[str]:
 
 
 def test_what_there_is_is_listed(railctl, run_file: Path):
-    shipped = words(railctl("list"))
-    assert shipped[0] == "name rules size trains cities speeds malfunctions timetable held out"
-    assert shipped[1] == "easy legacy 25x25 3 2 1 no no 1000"
-    assert [line.split()[0] for line in shipped[1:]] == ["easy", "medium", "hard"]
+    listed = words(railctl("list"))
+    assert listed[0] == "name rules size trains cities speeds malfunctions timetable held out"
+    assert listed[1] == "easy legacy 25x25 3 2 1 no no 1000"
+    assert [line.split()[0] for line in listed[1:]] == ["easy", "medium", "hard"]
     lines = words(railctl("list", "-f", run_file))
     assert lines[4] == "rush stock 20x24 4 2 50% 1, 50% 0.5 0.002 (20-50) yes 3"
     assert lines[5] == "mine stock 25x25 3 files say files say files say 2"

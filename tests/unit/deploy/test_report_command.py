@@ -39,6 +39,7 @@ def test_one_document_for_programs(curves):
     assert "metrics: 20 of 20" in result.stderr
 
 
+@pytest.mark.usefixtures("tasks_here")
 def test_a_table_for_people(curves):
     lines = railctl("--curves", "curves.npz").stdout.splitlines()
     assert lines[0] == "curves.npz: 2 algorithms x 1 levels x 5 runs x 12 episodes"
@@ -51,6 +52,7 @@ def test_a_table_for_people(curves):
     assert lines[at + 4] == "the order at the defaults changes with no switch"
 
 
+@pytest.mark.usefixtures("tasks_here")
 def test_ranks_that_are_undefined_say_so(curves):
     document = json.loads(railctl("--curves", "curves.npz", "--json", "--random-protocol", "tool").stdout)
     document["metrics"]["DT"]["stats"]["all"]["zone0"] = {
@@ -65,6 +67,7 @@ def test_ranks_that_are_undefined_say_so(curves):
     assert [next(iter(column.cells)) for column in other.columns][4:6] == ["-", "-"]
 
 
+@pytest.mark.usefixtures("tasks_here")
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
@@ -78,6 +81,7 @@ def test_wrong_usage_is_one_line(curves, arguments, text):
     assert complaint(2, "--curves", *arguments).startswith(f"railctl: {text}")
 
 
+@pytest.mark.usefixtures("tasks_here")
 def test_a_file_that_cannot_be_used_is_one_line(curves):
     with np.load("curves.npz") as file:
         arrays = dict(file)

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from deploy.cli import app
 from deploy.commands import report as command
 
-sys.path.append(str(Path(__file__).parents[1] / "services" / "evaluator" / "report"))
+sys.path.append(str(Path(__file__).parents[1] / "analysis" / "report"))
 import made_study
 
 
@@ -56,6 +56,7 @@ def test_where_reports_go_and_what_is_said(runs, monkeypatch):
     assert asked.pop() == (command.REPORTER, "--run", "runs/one", "--output", "there")
 
 
+@pytest.mark.usefixtures("tasks_here")
 @pytest.mark.parametrize(
     ("arguments", "code", "text"),
     [
@@ -85,6 +86,7 @@ def test_what_cannot_be_is_one_line(runs, arguments, code, text):
     assert result.stderr.splitlines() == [f"railctl: {text}"]
 
 
+@pytest.mark.usefixtures("tasks_here")
 def test_damaged_rows_are_one_line(runs):
     Path("runs/one/episodes.jsonl").write_text("{}\n")
     result = railctl("one")

@@ -128,7 +128,7 @@ def test_builders_that_do_not_know_of_each_other_share_the_work(tmp_path: Path, 
     assert all(path.suffix == chunks.SUFFIX for path in (tmp_path / "easy").iterdir())
 
 
-@pytest.mark.parametrize("chunks_before", [0, 1, 2])
+@pytest.mark.parametrize("chunks_before", [0, 2])
 def test_a_kill_loses_no_chunk_and_leaves_nothing_broken(tmp_path: Path, expected, chunks_before: int):
     worker = start_worker(tmp_path)
     for _ in range(chunks_before):
