@@ -14,7 +14,7 @@ class DeterminismError(RuntimeError):
 def deterministic_torch() -> None:
     """One thread, deterministic kernels, and matrix products that ignore the alignment of their inputs.
 
-    Call it once, before anything else is asked of torch.
+    Call it before anything else is asked of torch; again does no harm.
 
     Raises:
         DeterminismError: the environment lacks `MKL_CBWR=AUTO,STRICT`. MKL reads it once and for all, so it

@@ -47,6 +47,11 @@ class RuleSettings(Strict):
         """Whether the network is the rule's own, which torch computes, and not compiled code."""
         return type(self).module is not RuleSettings.module
 
+    @property
+    def learns_with_torch(self) -> bool:
+        """Whether torch computes updates, so that exactness holds on one kind of processor and one version of torch."""
+        return self.brings_module
+
     @classmethod
     def adapted(cls, preset: Mapping[str, Any], lag: int) -> dict[str, Any]:  # noqa: ARG003
         """A preset as it is with a lag: without what only serial runs can have."""

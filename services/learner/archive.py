@@ -66,7 +66,7 @@ class Archive:
                 raise Fatal("the newest snapshot has another configuration: restore config.yaml or use a new run name")
             self.snapshot = int(metadata.get("episode", "0"))
             self.version = int(metadata.get("weights_version", "0"))
-            if not repeats(metadata.get("arithmetic", ""), with_torch=self._config.learning.brings_module):
+            if not repeats(metadata.get("arithmetic", ""), with_torch=self._config.learning.learns_with_torch):
                 self.exact_until = self.snapshot
                 log.warning("exactness ends at episode %d: snapshot %s", self.snapshot, metadata.get("arithmetic"))
         if [row.episode for row in self.rows[: self.snapshot]] != list(range(self.snapshot)):
@@ -119,7 +119,7 @@ class Archive:
             "episode": str(episode),
             "weights_version": str(version),
             "science": self._science,
-            "arithmetic": arithmetic(with_torch=self._config.learning.brings_module),
+            "arithmetic": arithmetic(with_torch=self._config.learning.learns_with_torch),
         }
 
 

@@ -96,4 +96,8 @@ def means(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 def build_trainer(rule: str, learning: Learning[RuleSettings]) -> Trainer:
     """The trainer of an update rule, for settings of this rule."""
+    if learning.settings.learns_with_torch:
+        from common.policy.determinism import deterministic_torch  # noqa: PLC0415  (torch takes seconds)
+
+        deterministic_torch()
     return cast("Trainer", importlib.import_module(f"services.learner.algorithms.{rule}").build(learning))

@@ -73,12 +73,11 @@ def build_network(learning: Learning[PolicySettings]) -> Policy:
     """The network of a run as its seed makes it: trained in compiled code, but for a module of the rule's own."""
     settings, sizes = learning.settings, (learning.n_features, learning.n_actions, learning.seed)
     how = settings.ppo.learning_rate, settings.ppo.max_gradient_norm
-    module = settings.module(*sizes)
-    if module is None:
+    if not settings.brings_module:
         return FusedPolicy(first_actor_critic(settings.network, *sizes), *how)
     from services.learner.textbook.policies import PolicyNetwork  # noqa: PLC0415  (torch takes seconds)
 
-    return PolicyNetwork(module, *how, n_features=learning.n_features)
+    return PolicyNetwork(settings.module(*sizes), *how, n_features=learning.n_features)
 
 
 class PolicyTrainer:

@@ -1,4 +1,4 @@
-"""How much faster updates are than plain torch: `python -m tools.bench.learner --json`.
+"""How much faster updates are than plain torch: `railctl bench learner`.
 
 Both get the same batches, of observations as the study's levels give them, and start from the same network; all their
 losses must agree. Theirs is what a textbook writes: modules, autograd, `torch.optim.Adam` as it comes,

@@ -37,12 +37,11 @@ def build(learning: Learning[ValueSettings]) -> ValueTrainer:
 
 def _method(learning: Learning[ValueSettings]) -> ValueMethod:
     settings, sizes = learning.settings, (learning.n_features, learning.n_actions, learning.seed)
-    module = settings.module(*sizes)
-    if module is None:
+    if not settings.brings_module:
         return FusedDqn(settings.dqn, first_values(settings.network, *sizes))
     from services.learner.textbook.dqn import Dqn  # noqa: PLC0415  (torch takes seconds)
 
-    return Dqn(settings.dqn, module)
+    return Dqn(settings.dqn, settings.module(*sizes))
 
 
 def single_observations(_replay: Replay, sample: Sample) -> tuple[SparseRows, SparseRows]:

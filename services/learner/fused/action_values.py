@@ -154,7 +154,7 @@ def update(
         widths: [layers + 1].
         arrays: [5, P], see `packed`; [4, P] if the network is its own target.
         seen: [F].
-        starts_tm1: of the observations before the transitions, see `network.sparse`.
+        starts_tm1: of the observations before the transitions, see `services.learner.sparse`.
         columns_tm1: of the same.
         values_tm1: of the same.
         starts_t: of the observations after the transitions.

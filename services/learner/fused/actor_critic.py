@@ -97,7 +97,7 @@ def ppo(
         widths: [2, layers + 1], of actor and critic.
         arrays: [4, P], see `packed`.
         seen: [F].
-        starts: of the batch's observations, see `network.sparse`.
+        starts: of the batch's observations, see `services.learner.sparse`.
         columns: of the same.
         values: of the same.
         n_actions: A.

@@ -25,7 +25,7 @@ class FusedDqn(Training):
         self._widths = stack.widths
 
     def update(self, batch: Batch) -> Update:
-        """One step of Adam on the weighted mean squared error, then one of the target network; see `Dqn.update`.
+        """One step of Adam on the weighted mean squared error, then one of the target network; as `textbook.dqn.Dqn`.
 
         Raises:
             FloatingPointError: the loss is not finite; the network is as it was.

@@ -22,7 +22,7 @@ class FusedDrqn(Training):
         super().__init__(network.weights, [self._stack], has_target=config.target_tau is not None)
 
     def update(self, batch: Batch) -> Update:
-        """One step of Adam on the weighted mean squared error, then one of the target network; see `Dqn.update`.
+        """One step of Adam on the weighted mean squared error, then one of the target network; as `textbook.dqn.Dqn`.
 
         Raises:
             FloatingPointError: the loss is not finite; the network is as it was.

@@ -20,7 +20,7 @@ from services.learner.sparse import accumulate, multiply
 
 _Floats = NDArray[np.float32]
 _Ints = NDArray[np.int64]
-_Rows = tuple[_Ints, _Ints, _Floats]  # starts, columns and values, see `network.sparse`
+_Rows = tuple[_Ints, _Ints, _Floats]  # starts, columns and values, see `services.learner.sparse`
 LANES = 64  # sums side by side
 _ZERO, _ONE = np.float32(0), np.float32(1)
 

@@ -25,7 +25,7 @@ from services.learner.fused.tile import WIDTH
 
 _Floats = NDArray[np.float32]
 _Ints = NDArray[np.int64]
-_Rows = tuple[_Ints, _Ints, _Floats]  # starts, columns and values, see `network.sparse`
+_Rows = tuple[_Ints, _Ints, _Floats]  # starts, columns and values, see `services.learner.sparse`
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
 

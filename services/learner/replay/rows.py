@@ -203,7 +203,7 @@ def unfold(
     out_columns: NDArray[np.int64],
     out_values: Words,
 ) -> None:
-    """Write down what is not zero in the rows at `places` [B], see `network.sparse`; place -1 has nothing.
+    """Write down what is not zero in the rows at `places` [B], see `services.learner.sparse`; place -1 has nothing.
 
     Args:
         places: [B].

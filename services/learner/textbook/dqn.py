@@ -8,7 +8,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from common.policy.determinism import deterministic_torch
 from common.policy.networks import export_tensors, import_tensors
 from common.rules.values import DqnConfig
 from services.learner.sparse import SparseRows, sparse_rows
@@ -103,7 +102,6 @@ class Dqn:
     """
 
     def __init__(self, config: DqnConfig, network: nn.Module) -> None:
-        deterministic_torch()
         self._config = config
         self.online = ModuleValues(network)
         self.target = self.online if config.target_tau is None else ModuleValues(network)

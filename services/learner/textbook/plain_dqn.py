@@ -1,4 +1,4 @@
-"""Deep Q-learning as a textbook writes it in torch: what `algorithms.dqn` is measured and checked against."""
+"""Deep Q-learning as a textbook writes it in torch: what `fused` is measured and checked against."""
 
 import copy
 
@@ -49,7 +49,7 @@ class PlainDqn:
 
 def action_values(network: nn.Module, observations: Observations) -> Tensor:
     """[B, A], of observations [B, F], or of the last of sequences [L, B, F]."""
-    observation = torch.tensor(dense_rows(observations))
+    observation = torch.from_numpy(dense_rows(observations))
     if isinstance(network, RecurrentQNetwork):
         q: Tensor = network(observation)[0][-1]
         return q

@@ -30,7 +30,7 @@ class PlainPolicy:
 
     def update(self, batch: Experience) -> float:
         """One step of `ppo`; returns the loss."""
-        logits, value = self._network(torch.tensor(dense_rows(batch.observation_tm1)))
+        logits, value = self._network(torch.from_numpy(dense_rows(batch.observation_tm1)))
         return_t, before = torch.tensor(batch.return_t), torch.tensor(batch.log_probability_tm1)
         error = (return_t - value).detach()
         ratio = (log_probability(logits, torch.tensor(batch.action_tm1)) - before).exp()
@@ -41,7 +41,7 @@ class PlainPolicy:
 
     def imitate(self, batch: Experience, sil: SilConfig) -> float:
         """One step of `sil`; returns the loss."""
-        logits, value = self._network(torch.tensor(dense_rows(batch.observation_tm1)))
+        logits, value = self._network(torch.from_numpy(dense_rows(batch.observation_tm1)))
         return_t = torch.tensor(batch.least_return_t)
         gain = (return_t - value).detach().clamp(min=0)
         policy_loss = imitation_policy_loss(log_probability(logits, torch.tensor(batch.action_tm1)), gain).mean()

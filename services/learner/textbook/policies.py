@@ -11,7 +11,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from common.policy.determinism import deterministic_torch
 from common.policy.networks import export_tensors, import_tensors
 from common.rules.policies import PpoConfig
 from services.learner.experience import Experience
@@ -43,7 +42,6 @@ class PolicyNetwork:
             max_gradient_norm: of actor and critic each, or of all if they share parameters.
             n_features: F; None: as the network says of itself.
         """
-        deterministic_torch()
         self.n_features = int(network.n_features if n_features is None else n_features)  # type: ignore[arg-type]
         self._body = ModulePolicy(network, self.n_features)
         self._parameters = self._body.parameters

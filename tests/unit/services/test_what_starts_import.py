@@ -8,7 +8,7 @@ from common.interpreter import PYTHON
 
 RESOLVED = {
     name: f"from deploy.resolve import resolve; config = resolve({{'algorithm': {name!r}}})\n"
-    for name in ("dddqn", "ppo")
+    for name in ("dddqn", "sil")
 }
 ACTING = """
 from common.levels.supply import LevelSupply
@@ -20,7 +20,11 @@ LeasePlayer(config, LevelSupply(config.world.levels), chooser_of(config)).get_re
 LEARNING = """
 import services.learner.service
 from services.learner.learning import build_trainer, learning_of
-build_trainer(config.rule, learning_of(config)).weights()
+from services.learner.selfcheck import made_up_episode
+trainer = build_trainer(config.rule, learning_of(config))
+for number in range(2):
+    trainer.train(made_up_episode(number))
+trainer.restore(trainer.state())
 """
 ELSEWHERE = ("flatland", "boto3", "botocore", "pandas", "matplotlib", "networkx", "PIL")
 
@@ -40,7 +44,7 @@ def imported(code, names):
         *((RESOLVED[name] + ACTING, (*ELSEWHERE, "torch")) for name in RESOLVED),
         *((RESOLVED[name] + LEARNING, (*ELSEWHERE, "torch")) for name in RESOLVED),
     ],
-    ids=["router", "imports", "acting-dddqn", "acting-ppo", "learning-dddqn", "learning-ppo"],
+    ids=["router", "imports", "acting-dddqn", "acting-sil", "learning-dddqn", "learning-sil"],
 )
 def test_nobody_imports_what_it_has_no_use_for(code, names):
     assert imported(code, names) == []

@@ -13,13 +13,10 @@ import test_training
 from made_episodes import make_episode
 
 from common.interpreter import PYTHON
-from common.policy.determinism import deterministic_torch
 
 OLD_PROCESSOR = {  # has neither AVX nor a fused multiply-add
     "NUMBA_CPU_NAME": "nehalem",
     "NUMBA_CPU_FEATURES": "+sse4.2,+popcnt",
-    "MKL_ENABLE_INSTRUCTIONS": "SSE4_2",
-    "ATEN_CPU_CAPABILITY": "default",
     "NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3",
 }
 LEAST_UPDATES = 9
@@ -27,7 +24,7 @@ LEAST_UPDATES = 9
 
 def printed(offset, **changes):
     paths = os.pathsep.join(filter(None, sys.path))
-    environment = os.environ | {"MKL_CBWR": "AUTO,STRICT", "OMP_NUM_THREADS": "1", "PYTHONPATH": paths} | changes
+    environment = os.environ | {"PYTHONPATH": paths} | changes
     command = [*PYTHON, __file__, str(offset)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -58,7 +55,6 @@ def trainers():
 
 
 def main(offset):
-    deterministic_torch()
     for name, trainer, episode in trainers():
         updates = sum(trainer.train(episode(number, offset))["updates"] for number in range(7))
         if updates < LEAST_UPDATES:
