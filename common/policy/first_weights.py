@@ -17,7 +17,7 @@ from common.policy.packing import GATES
 from common.rules.settings import NetworkConfig
 from common.seeding import stream_key
 
-Arrays = dict[str, NDArray[np.float32]]
+Weights = dict[str, NDArray[np.float32]]
 Shape = tuple[int, ...]
 
 HIDDEN_GAIN, ACTOR_GAIN, CRITIC_GAIN = math.sqrt(2), 0.01, 1.0
@@ -36,7 +36,7 @@ class FirstNetwork(NamedTuple):
     n_features: int
     n_actions: int
     config: NetworkConfig
-    weights: Arrays
+    weights: Weights
 
 
 def first_values(config: NetworkConfig, n_features: int, n_actions: int, seed: int) -> FirstNetwork:
@@ -64,7 +64,7 @@ def first_actor_critic(config: NetworkConfig, n_features: int, n_actions: int, s
             (half, widths[-1], width, gain),
         )
     ]
-    weights: Arrays = {}
+    weights: Weights = {}
     for index, (name, n_in, n_out, gain) in enumerate(layers):
         weights[f"{name}.weight"] = orthogonal(n_out, n_in, gain, stream_key(seed, index, "orthogonal"))
         weights[f"{name}.bias"] = np.zeros(n_out, np.float32)
@@ -95,8 +95,8 @@ def _named(name: str, widths: Sequence[int]) -> Iterator[tuple[str, int, int]]:
     return ((f"{name}.{number}", *pair) for number, pair in enumerate(itertools.pairwise(widths)))
 
 
-def _uniform_layers(layers: Sequence[tuple[str, int, int]], rng: np.random.Generator) -> Arrays:
-    weights: Arrays = {}
+def _uniform_layers(layers: Sequence[tuple[str, int, int]], rng: np.random.Generator) -> Weights:
+    weights: Weights = {}
     for name, n_in, n_out in layers:
         weights[f"{name}.weight"] = _uniform((n_out, n_in), n_in, rng)
         weights[f"{name}.bias"] = _uniform((n_out,), n_in, rng)
