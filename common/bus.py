@@ -56,7 +56,7 @@ class Traffic:
 
 
 class Question(Generic[A, B]):
-    """A question that waits for its one answer; it may be kept and answered later."""
+    """A question that waits for its answers, mostly one; it may be kept and answered later."""
 
     def __init__(self, query: Any, service: Service[A, B], key: str, request: A, traffic: Traffic) -> None:
         self._query = query
@@ -65,23 +65,56 @@ class Question(Generic[A, B]):
         self._traffic = traffic
         self.request = request
 
-    def answer(self, record: B) -> None:
-        """Send the answer and end the question."""
+    def answer(self, record: B, *, last: bool = True) -> None:
+        """Send an answer; the last one ends the question."""
         try:
             self._query.reply(
                 self._key, self._traffic.counted(encode(record)), encoding=encoding_of(self._service.answer)
             )
         except zenoh.ZError as error:
             log.warning("an answer on %s did not go out: %s", self._service.key, error)
-        self.drop()
+        if last:
+            self.drop()
 
     def refuse(self, reason: str) -> None:
         """Answer with an error and end the question."""
         _refuse(self._query, self._service.key, reason)
 
     def drop(self) -> None:
-        """End the question without an answer."""
+        """End the question without another answer."""
         self._query.drop()
+
+
+class Answers(Generic[B]):
+    """What comes to a question until it ends."""
+
+    def __init__(self, take: Callable[[Any], B], key: str) -> None:
+        """`take` makes a record of a reply, or raises NoAnswer."""
+        self._take = take
+        self._key = key
+        self._replies: queue.SimpleQueue[Any] = queue.SimpleQueue()
+
+    @property
+    def handler(self) -> Any:
+        """Takes what Zenoh has, on its own thread: another one in between would take milliseconds to start."""
+        return zenoh.handlers.Callback(self._replies.put, drop=lambda: self._replies.put(None), indirect=False)
+
+    def next(self, timeout_s: float, give_up: Callable[[], bool] = lambda: False) -> B:
+        """The next answer. Waits in short stretches, so that signals are served and `give_up` is heard.
+
+        Raises:
+            NoAnswer: there is none in time or none to come, it was an error or was refused, or the asker gave up.
+        """
+        deadline = time.monotonic() + timeout_s
+        while time.monotonic() < deadline and not give_up():
+            try:
+                reply = self._replies.get(timeout=STRETCH_S)
+            except queue.Empty:
+                continue
+            if reply is None:
+                break
+            return self._take(reply)
+        raise NoAnswer(f"{self._key}: nobody answers")
 
 
 class Bus:
@@ -153,27 +186,34 @@ class Bus:
     def ask(
         self, service: Service[A, B], request: A, timeout_s: float, give_up: Callable[[], bool] = lambda: False
     ) -> B:
-        """The answer to a question. Waits in short stretches, so that signals are served and `give_up` is heard.
+        """The one answer to a question; see `Answers.next`.
 
         Raises:
             NoAnswer: nobody answered in time, the answer was an error or was refused, or the asker gave up.
         """
-        replies: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        return self.ask_for_answers(service, request, timeout_s).next(timeout_s + GRACE_S, give_up)
+
+    def ask_for_answers(self, service: Service[A, B], request: A, timeout_s: float) -> Answers[B]:
+        """Ask a question that ends with its last answer, or after `timeout_s`.
+
+        Raises:
+            NoAnswer: it cannot be asked.
+        """
+        answers: Answers[B] = Answers(partial(self._answer, service), service.key)
         try:
             self._session.get(
                 self._key(service.key),
-                # Without a thread in between, which takes milliseconds to start, for each question.
-                zenoh.handlers.Callback(replies.put, drop=lambda: replies.put(None), indirect=False),
+                answers.handler,
                 payload=self.traffic.counted(encode(request)),
                 encoding=encoding_of(service.request),
                 timeout=timeout_s,
-                consolidation=zenoh.ConsolidationMode.NONE,  # there is one answer: nothing to hold it back for
+                consolidation=zenoh.ConsolidationMode.NONE,  # one process answers: nothing to hold an answer back for
             )
         except zenoh.ZError as error:
             raise NoAnswer(f"{service.key}: {error}") from None
-        reply = _first(replies, timeout_s, give_up)
-        if reply is None:
-            raise NoAnswer(f"{service.key}: nobody answers")
+        return answers
+
+    def _answer(self, service: Service[A, B], reply: Any) -> B:
         if reply.ok is None:
             text = reply.err.payload.to_bytes()[:MAX_REASON_BYTES].decode(errors="replace")
             raise NoAnswer(f"{service.key}: {text}")
@@ -232,16 +272,6 @@ def _refuse(query: Any, key: str, reason: str) -> None:
     except zenoh.ZError as error:
         log.warning("a refusal on %s did not go out: %s", key, error)
     query.drop()
-
-
-def _first(replies: "queue.SimpleQueue[Any]", timeout_s: float, give_up: Callable[[], bool]) -> Any:
-    deadline = time.monotonic() + timeout_s + GRACE_S
-    while time.monotonic() < deadline and not give_up():
-        try:
-            return replies.get(timeout=STRETCH_S)
-        except queue.Empty:
-            continue
-    return None
 
 
 @contextmanager

@@ -1,4 +1,8 @@
-"""An actor's loop: ask for a lease, act it, publish the fragment, keep it until the learner has it in a snapshot."""
+"""An actor's loop: ask for leases, act one, publish the fragment, keep it until the learner has it in a snapshot.
+
+A fragment that is published asks for the next lease, which comes as another answer to the same question. Once that has
+ended, or nothing comes, the actor asks anew and says what it keeps.
+"""
 
 import logging
 import time
@@ -6,7 +10,7 @@ import time
 import numpy as np
 
 from common.board import BoardReader, Tensors
-from common.bus import NoAnswer
+from common.bus import Answers, NoAnswer
 from common.levels.supply import supply_of
 from common.policy.leased import LeasePlayer
 from common.policy.player import chooser_of
@@ -25,6 +29,7 @@ from common.wire import keys
 log = logging.getLogger(__name__)
 
 ASK_TIMEOUT_S = 10.0
+OPEN_S = 60.0  # of a question for leases: the learner ends it long before
 RETRY_S = 0.2
 
 
@@ -43,6 +48,7 @@ class Actor:
         levels = supply_of(context.config.world.levels, context.folder.path)
         self._network = chooser_of(context.config)
         self._player = LeasePlayer(context.config, levels, self._network, self._on_step)
+        self._answers: Answers[LeaseAnswer] | None = None  # to the question that is open
         self._loaded: int | None = None
         self._acting = 0  # the episode
         self._acted = 0
@@ -54,7 +60,7 @@ class Actor:
         self._player.get_ready(self._serves if self._serves in mix else next(iter(mix)))  # as the learner does now
         while not self._context.stopping.asked:
             self._beat("waiting for work")
-            answer = self._ask()
+            answer = self._next_answer() or self._ask()
             if answer is None:
                 self._context.stopping.wait(RETRY_S)
                 continue
@@ -65,7 +71,15 @@ class Actor:
                 except Stopped:
                     log.info("gave up episode %d: asked to stop", answer.lease.episode)
 
+    def _next_answer(self) -> LeaseAnswer | None:
+        """To the question that is open, if there is one that has not ended."""
+        try:
+            return None if self._answers is None else self._answers.next(ASK_TIMEOUT_S, self._stops_waiting)
+        except NoAnswer:
+            return None
+
     def _ask(self) -> LeaseAnswer | None:
+        """The first answer to a new question, in place of the open one."""
         request = LeaseRequest(
             actor=self._context.name,
             incarnation=self._context.incarnation,
@@ -73,9 +87,11 @@ class Actor:
             kept=np.array(sorted(self._kept), np.int64).reshape(-1, 2),
         )
         try:
-            return self._context.bus.ask(keys.LEASE, request, ASK_TIMEOUT_S, self._stops_waiting)
+            self._answers = self._context.bus.ask_for_answers(keys.LEASE, request, OPEN_S)
+            return self._answers.next(ASK_TIMEOUT_S, self._stops_waiting)
         except NoAnswer as reason:
             log.debug("no lease: %s", reason)
+            self._answers = None
             return None
 
     def _stops_waiting(self) -> bool:
@@ -94,7 +110,8 @@ class Actor:
 
     def _serve(self, lease: Lease) -> None:
         if not self._load(lease.weights_version):
-            return  # the next question for work gives the lease back
+            self._answers = None  # a new question gives the lease back
+            return
         self._acting = lease.episode
         fragment = self._act(lease)
         self._kept[lease.unit] = fragment

@@ -22,14 +22,19 @@ from services.learner.schedule import Schedule
 Q = TypeVar("Q")
 
 LONG_POLL_S = 2.0  # an answer without work goes out after this
+OPEN_S = 30.0  # of a question: the next answer is its last, and the actor asks again and says what it keeps
 STORY_EVENTS = 200
 
 
 class Reply(NamedTuple, Generic[Q]):
-    """What becomes of a question; without an answer nobody waits for it any more."""
+    """What becomes of a question; without an answer nobody waits for it any more.
+
+    A lease leaves it open, but for the `last` one: the fragment that comes back asks for the next.
+    """
 
     question: Q
     answer: LeaseAnswer | None
+    last: bool = True
 
 
 @dataclass(frozen=True)
@@ -49,10 +54,23 @@ class Start:
     fragments: Sequence[Fragment] = ()
 
 
-class _Parked(NamedTuple, Generic[Q]):
+@dataclass
+class _Open(Generic[Q]):
+    """A question for work.
+
+    Attributes:
+        question: what answers it.
+        serves: the level or any.
+        ends: when an answer is its last.
+        waits: for a lease; otherwise it has one.
+        deadline: when it has waited long enough; None: since now.
+    """
+
     question: Q
     serves: str
-    deadline: float
+    ends: float
+    waits: bool = True
+    deadline: float | None = None
 
 
 class Desk(Generic[Q]):
@@ -80,7 +98,7 @@ class Desk(Generic[Q]):
         self._names: dict[str, str] = {}  # of living actors, by incarnation
         self._given: dict[Unit, Lease] = {}
         self._spoiled: set[tuple[str, Unit]] = set()  # who keeps what was refused
-        self._parked: dict[str, _Parked[Q]] = {}  # by incarnation
+        self._open: dict[str, _Open[Q]] = {}  # by incarnation
 
     def actor_came(self, name: str, incarnation: str) -> None:
         """An actor lives."""
@@ -93,32 +111,43 @@ class Desk(Generic[Q]):
         self._note(f"{self._names.pop(incarnation, '?')} {incarnation} is gone")
         self._spoiled = {(who, unit) for who, unit in self._spoiled if who != incarnation}
         self.ledger.actor_gone(incarnation)
-        return self._unpark(incarnation)
+        return self._end(incarnation)
 
     def ask(self, question: Q, request: LeaseRequest, now: float) -> list[Reply[Q]]:
         """An actor asks for work: it is answered at once if it must publish something again, else from `give`."""
         who = request.incarnation
-        replies = self._unpark(who)
+        replies = self._end(who)
         kept = [(episode, fragment) for episode, fragment in request.kept.tolist()]
         missing = self.ledger.missing(who, [unit for unit in kept if (who, unit) not in self._spoiled])
         if missing:
             self._note(f"{request.actor} must publish again: {missing}")
             return [*replies, Reply(question, self._answer(None, missing))]
-        self._parked[who] = _Parked(question, request.serves, now + LONG_POLL_S)
+        self._open[who] = _Open(question, request.serves, now + OPEN_S)
         return replies
 
     def give(self, now: float, *, paused: bool = False) -> list[Reply[Q]]:
         """Answers for those who wait: leases, or nothing for those who have waited long enough."""
         replies = []
-        for who, parked in list(self._parked.items()):
-            unit = None if paused else self.ledger.grant(who, parked.serves)
-            if unit is not None or now >= parked.deadline:
-                del self._parked[who]
-                replies.append(Reply(parked.question, self._answer(None if unit is None else self._give(who, unit))))
+        for who, asked in list(self._open.items()):
+            if not asked.waits:
+                continue
+            if asked.deadline is None:
+                asked.deadline = now + LONG_POLL_S
+            unit = None if paused else self.ledger.grant(who, asked.serves)
+            if unit is None and now < asked.deadline:
+                continue
+            last = unit is None or now >= asked.ends
+            replies.append(Reply(asked.question, self._answer(None if unit is None else self._give(who, unit)), last))
+            asked.waits, asked.deadline = False, None
+            if last:
+                del self._open[who]
         return replies
 
     def arrive(self, fragment: Fragment) -> str | None:
-        """Take a fragment in; returns why not, or None also for one that is here already."""
+        """Take a fragment in; returns why not, or None also for one that is here already.
+
+        Who has brought it waits for the next lease, if its question is open.
+        """
         lease, unit = fragment.lease, fragment.lease.unit
         if lease.episode >= self.ledger.total:
             return self._refuse(fragment, f"this run has {self.ledger.total} episodes")
@@ -131,6 +160,8 @@ class Desk(Generic[Q]):
             return self._refuse(fragment, "nobody has leased it")
         if (name := self._names.get(who)) != fragment.circumstances.actor:
             return self._refuse(fragment, f"it is leased to {name}")
+        if who in self._open:
+            self._open[who].waits = True
         if (reason := self._wrong(fragment)) is not None:
             self._spoil(who, unit)
             self.ledger.end_lease(unit)
@@ -217,9 +248,9 @@ class Desk(Generic[Q]):
             finished=self.ledger.finished,
         )
 
-    def _unpark(self, incarnation: str) -> list[Reply[Q]]:
-        parked = self._parked.pop(incarnation, None)
-        return [] if parked is None else [Reply(parked.question, None)]
+    def _end(self, incarnation: str) -> list[Reply[Q]]:
+        asked = self._open.pop(incarnation, None)
+        return [] if asked is None else [Reply(asked.question, None)]
 
     def _note(self, event: str) -> None:
         self.story.append(event)

@@ -234,11 +234,11 @@ class Learner:
         self._send(self._desk.give(time.monotonic(), paused=self._paused))
 
     def _send(self, replies: list[Reply[LeaseQuestion]]) -> None:
-        for question, answer in replies:
+        for question, answer, last in replies:
             if answer is None:
                 question.drop()
             else:
-                question.answer(answer)
+                question.answer(answer, last=last)
 
     def _save_snapshot(self) -> None:
         ledger = self._desk.ledger

@@ -256,6 +256,35 @@ def test_a_question_may_be_answered_later_from_another_thread(buses):
     answering.join()
 
 
+def test_a_question_is_open_until_its_last_answer(buses):
+    listener, talker = buses
+    kept = SimpleQueue()
+    listener.serve(ECHO, kept.put)
+    introduce(listener, talker)
+    answers = talker.ask_for_answers(ECHO, number(7), PATIENCE_S)
+    question = kept.get(timeout=PATIENCE_S)
+    for count in range(3):
+        question.answer(CommandAnswer(done=True, text=str(count)), last=count == 2)
+        assert answers.next(PATIENCE_S).text == str(count)
+    with pytest.raises(NoAnswer):
+        answers.next(PATIENCE_S)
+
+
+def test_an_open_question_ends_with_who_answers_it(endpoint, namespace, buses):
+    _, talker = buses
+    kept = SimpleQueue()
+    with open_bus(endpoint, namespace, PATIENCE_S) as listener:
+        listener.serve(ECHO, kept.put)
+        introduce(listener, talker)
+        answers = talker.ask_for_answers(ECHO, number(7), PATIENCE_S)
+        kept.get(timeout=PATIENCE_S).answer(CommandAnswer(done=True, text="first"), last=False)
+        assert answers.next(PATIENCE_S).text == "first"
+    begun = time.monotonic()
+    with pytest.raises(NoAnswer):
+        answers.next(PATIENCE_S)
+    assert time.monotonic() - begun < PATIENCE_S / 2
+
+
 def test_questions_of_many_are_answered_each_with_its_own(endpoint, namespace, buses):
     listener, talker = buses
     kept = []

@@ -5,7 +5,7 @@ import pytest
 from made_episodes import answer_to, edited
 
 from common.records.acting import LeaseRequest
-from services.learner.desk import LONG_POLL_S, STORY_EVENTS, Desk, Reply, Start
+from services.learner.desk import LONG_POLL_S, OPEN_S, STORY_EVENTS, Desk, Reply, Start
 from services.learner.schedule import Schedule
 
 NOW = 100.0
@@ -29,8 +29,8 @@ def request(actor, kept=(), serves="any"):
 
 
 def lease(made, actor, kept=()):
-    """What an actor that asks is leased at once."""
-    assert made.ask(f"{actor} asks", request(actor, kept), NOW) == []
+    """What an actor that asks is leased at once; a question of its that is open ends."""
+    assert made.ask(f"{actor} asks", request(actor, kept), NOW) in ([], [Reply(f"{actor} asks", None)])
     replies = [reply for reply in made.give(NOW) if reply.question == f"{actor} asks"]
     return replies[0].answer.lease if replies else None
 
@@ -55,17 +55,54 @@ def test_who_cannot_be_served_waits_until_there_is_work():
     assert made.give(NOW + LONG_POLL_S - 0.1) == []
     assert made.arrive(answer_to(first, actor="a")) is None
     assert train(made).steps == 2
-    [(question, answer)] = made.give(NOW + LONG_POLL_S - 0.1)
-    assert (question, answer.lease.episode, answer.lease.weights_version) == ("b asks", 1, 1)
+    [first, second] = made.give(NOW + LONG_POLL_S - 0.1), made.give(NOW + LONG_POLL_S - 0.1)
+    [(question, answer, _)] = first
+    assert (question, answer.lease.episode, answer.lease.weights_version) == ("a asks", 1, 1)
+    assert second == []
 
 
 def test_who_has_waited_long_enough_is_answered_without_work():
     made = desk("a", "b")
     lease(made, "a")
     lease(made, "b")
-    [(question, answer)] = made.give(NOW + LONG_POLL_S)
-    assert (question, answer.lease, answer.finished, answer.safe_before) == ("b asks", None, False, 0)
+    [(question, answer, last)] = made.give(NOW + LONG_POLL_S)
+    assert (question, answer.lease, answer.finished, answer.safe_before, last) == ("b asks", None, False, 0, True)
     assert made.give(NOW + 9 * LONG_POLL_S) == []
+
+
+def test_what_an_actor_brings_asks_for_the_next_lease_until_the_question_has_been_open_for_long():
+    made = desk("a", lag=1)
+    first = lease(made, "a")
+    assert made.give(NOW) == []  # it acts
+    assert made.arrive(answer_to(first, actor="a")) is None
+    [(question, answer, last)] = made.give(NOW + OPEN_S - 0.1)
+    assert (question, answer.lease.episode, last) == ("a asks", 1, False)
+    assert made.arrive(answer_to(answer.lease, actor="a")) is None
+    assert made.give(NOW + OPEN_S) == []  # nothing is left to act before something is trained
+    train(made)
+    [(question, answer, last)] = made.give(NOW + OPEN_S)
+    assert (question, answer.lease.episode, last) == ("a asks", 2, True)
+    assert made.arrive(answer_to(answer.lease, actor="a")) is None
+    train(made)
+    assert made.give(NOW + OPEN_S) == []
+    assert made.ask("a asks again", request("a"), NOW) == []
+
+
+def test_who_brings_something_and_finds_no_work_waits_as_long_as_who_asks():
+    made = desk("a", "b")
+    assert made.arrive(answer_to(lease(made, "a"), actor="a")) is None
+    assert made.give(NOW + 1, paused=True) == []
+    assert made.give(NOW + 0.9 + LONG_POLL_S, paused=True) == []
+    [(question, answer, last)] = made.give(NOW + 1 + LONG_POLL_S, paused=True)
+    assert (question, answer.lease, last) == ("a asks", None, True)
+
+
+def test_who_is_refused_gets_the_next_lease():
+    made = desk("a")
+    fragment = answer_to(lease(made, "a"), actor="a")
+    made.arrive(edited(fragment, weights_version=3))
+    [(question, answer, last)] = made.give(NOW)
+    assert (question, answer.lease.unit, last) == ("a asks", (0, 0), False)
 
 
 def test_nothing_is_leased_while_the_run_is_paused():
@@ -88,7 +125,7 @@ def test_actors_get_only_what_they_serve():
     made = desk("a", "b", levels=("easy", "rush"), lag=1)
     made.ask("a asks", request("a", serves="rush"), NOW)
     made.ask("b asks", request("b", serves="hard"), NOW)
-    assert [(question, answer.lease.episode) for question, answer in made.give(NOW)] == [("a asks", 1)]
+    assert [(reply.question, reply.answer.lease.episode) for reply in made.give(NOW)] == [("a asks", 1)]
     assert made.ledger.waiting() == {"easy": 1}
 
 
@@ -155,8 +192,9 @@ def test_a_copy_is_dropped_without_a_word():
 def test_a_kept_fragment_that_got_lost_is_asked_for():
     made = desk("a")
     fragment = answer_to(lease(made, "a"), actor="a")
-    [(question, answer)] = made.ask("again", request("a", [(0, 0)]), NOW)
-    assert (question, answer.lease, answer.missing.tolist()) == ("again", None, [[0, 0]])
+    [dropped, (question, answer, last)] = made.ask("again", request("a", [(0, 0)]), NOW)
+    assert dropped == Reply("a asks", None)
+    assert (question, answer.lease, answer.missing.tolist(), last) == ("again", None, [[0, 0]], True)
     assert made.arrive(fragment) is None
     train(made)
 

@@ -31,7 +31,7 @@ class Question:
         self.request = request
         self.answered = self.refused = None
 
-    def answer(self, record):
+    def answer(self, record, *, last=True):
         self.answered = record
 
     def refuse(self, reason):
@@ -313,8 +313,8 @@ class Witness(Question):
         self.cluster = cluster
         self.rows = None
 
-    def answer(self, record):
-        super().answer(record)
+    def answer(self, record, *, last=True):
+        super().answer(record, last=last)
         self.rows = len(self.cluster.rows())
 
 
