@@ -160,8 +160,9 @@ class Desk(Generic[Q]):
             return self._refuse(fragment, "nobody has leased it")
         if (name := self._names.get(who)) != fragment.circumstances.actor:
             return self._refuse(fragment, f"it is leased to {name}")
-        if who in self._open:
-            self._open[who].waits = True
+        if (asked := self._open.pop(who, None)) is not None:
+            asked.waits = True
+            self._open[who] = asked  # behind those who have waited longer
         if (reason := self._wrong(fragment)) is not None:
             self._spoil(who, unit)
             self.ledger.end_lease(unit)

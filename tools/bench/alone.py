@@ -62,11 +62,11 @@ class Alone:
         """One episode after another, each when it is trained."""
         begun = time.perf_counter()
         request = LeaseRequest(actor=NAME, incarnation=NAME, serves="any", kept=np.zeros((0, 2), np.int64))
+        self._desk.ask(None, request, 0.0)
         while not self._desk.ledger.finished:
-            self._desk.ask(None, request, 0.0)
-            for _, answer in self._desk.give(0.0):
-                if answer is not None and answer.lease is not None:
-                    self._desk.arrive(self._act(answer.lease))
+            for reply in self._desk.give(0.0):
+                if reply.answer is not None and reply.answer.lease is not None:
+                    self._desk.arrive(self._act(reply.answer.lease))
             while (fragment := self._desk.next_ready()) is not None:
                 self._trainer.train(fragment)
                 episode = self._desk.mark_trained()

@@ -55,10 +55,8 @@ def test_who_cannot_be_served_waits_until_there_is_work():
     assert made.give(NOW + LONG_POLL_S - 0.1) == []
     assert made.arrive(answer_to(first, actor="a")) is None
     assert train(made).steps == 2
-    [first, second] = made.give(NOW + LONG_POLL_S - 0.1), made.give(NOW + LONG_POLL_S - 0.1)
-    [(question, answer, _)] = first
-    assert (question, answer.lease.episode, answer.lease.weights_version) == ("a asks", 1, 1)
-    assert second == []
+    [(question, answer, last)] = made.give(NOW + LONG_POLL_S - 0.1)
+    assert (question, answer.lease.episode, answer.lease.weights_version, last) == ("b asks", 1, 1, False)
 
 
 def test_who_has_waited_long_enough_is_answered_without_work():
@@ -95,6 +93,19 @@ def test_who_brings_something_and_finds_no_work_waits_as_long_as_who_asks():
     assert made.give(NOW + 0.9 + LONG_POLL_S, paused=True) == []
     [(question, answer, last)] = made.give(NOW + 1 + LONG_POLL_S, paused=True)
     assert (question, answer.lease, last) == ("a asks", None, True)
+
+
+def test_who_has_waited_longest_gets_the_next_lease():
+    made = desk("a", "b")
+    first = lease(made, "a")
+    assert lease(made, "b") is None
+    made.arrive(answer_to(first, actor="a"))
+    train(made)
+    [(question, answer, _)] = made.give(NOW)
+    assert question == "b asks"
+    made.arrive(answer_to(answer.lease, actor="b"))
+    train(made)
+    assert [reply.question for reply in made.give(NOW)] == ["a asks"]
 
 
 def test_who_is_refused_gets_the_next_lease():

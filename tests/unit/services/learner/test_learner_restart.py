@@ -29,10 +29,10 @@ class Question:
 
     def __init__(self, request):
         self.request = request
-        self.answered = self.refused = None
+        self.answered = self.refused = self.last = None
 
     def answer(self, record, *, last=True):
-        self.answered = record
+        self.answered, self.last = record, last
 
     def refuse(self, reason):
         self.refused = reason
