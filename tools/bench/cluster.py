@@ -184,18 +184,19 @@ def main() -> None:
         parser.error(f"--episodes {chosen.episodes}: a rate needs at least 2")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(FAILED))
     names = chosen.algorithm or ALGORITHMS
+    rows: list[Row] = []
     try:
-        rows = []
         for number, (name, lag) in enumerate((name, lag) for name in names for lag in LAGS):
             print(f"{number} of {len(names) * len(LAGS)} runs: {name}, lag {lag}", file=sys.stderr, flush=True)  # noqa: T201
             rows.append(run_cluster(name, chosen.level, lag, chosen.episodes))
     except DisagreementError as error:
         print(f"railctl: {error}", file=sys.stderr)  # noqa: T201
         sys.exit(FAILED)
-    if chosen.json:
-        print(json.dumps({"rows": [asdict(row) for row in rows]}, indent=2))  # noqa: T201
-    else:
-        show(rows)
+    finally:  # what has been measured is not lost if something goes wrong, or somebody has seen enough
+        if chosen.json:
+            print(json.dumps({"rows": [asdict(row) for row in rows]}, indent=2))  # noqa: T201
+        elif rows:
+            show(rows)
 
 
 if __name__ == "__main__":
