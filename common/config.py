@@ -33,7 +33,8 @@ class EvaluationConfig(Strict):
 class ClusterConfig(Strict):
     """How the work is carried out; nothing here changes a learning curve."""
 
-    actors: dict[LevelName, Annotated[int, Field(ge=0, le=MAX_ACTORS)]]  # by the levels that they serve, or `any`
+    # By the levels that they serve, or `any`; if there are none, the learner acts itself:
+    actors: dict[LevelName, Annotated[int, Field(ge=0, le=MAX_ACTORS)]]
     cores: int = Field(default=2, ge=1)
     port: int = Field(default=0, ge=0, le=65535)  # 0: any free port
     snapshot_every_episodes: int = Field(default=50, ge=1)
@@ -69,7 +70,7 @@ class RunConfig(Strict):
     @model_validator(mode="after")
     def _every_level_has_actors(self) -> Self:
         actors = {name: count for name, count in self.cluster.actors.items() if count > 0}
-        if ANY not in actors:
+        if actors and ANY not in actors:
             for level in self.mix:
                 if level not in actors:
                     raise ValueError(f"no actors for level {level}: add --actors {level}=1")
@@ -106,6 +107,11 @@ class RunConfig(Strict):
             **parts["learning"],
             **{key: parts[key] for key in ("evaluation", "cluster")},
         }
+
+    @property
+    def learner_acts(self) -> bool:
+        """The run has no actors of its own."""
+        return not any(self.cluster.actors.values())
 
     @property
     def science(self) -> Plain:

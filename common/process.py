@@ -41,6 +41,10 @@ class Fatal(Exception):  # noqa: N818  (it ends a process)
     """Something that a restart cannot mend; the text names it and the remedy."""
 
 
+class Stopped(Exception):  # noqa: N818  (not an error)
+    """Somebody asked to stop in the middle of an episode."""
+
+
 class Stopping:
     """Turns SIGTERM and SIGINT into a flag that loops look at, and that ends their waits."""
 

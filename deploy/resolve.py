@@ -69,7 +69,8 @@ def resolve(given: Plain, base: Path = Path()) -> RunConfig:
     defaults = {
         "algorithm": algorithm,
         "episodes": 1500,
-        "cluster": {"actors": dict.fromkeys(mix, 1)},
+        # Where nothing is acted in parallel, an actor in a process of its own would only cost messages.
+        "cluster": {"actors": dict.fromkeys(mix, int(bool(given.get("lag"))))},
         "evaluation": {
             "levels": min(EVALUATION_LEVELS, *(levels.evaluation_levels for levels in world.levels.values()))
         },

@@ -14,7 +14,7 @@ from common.bus import Answers, NoAnswer
 from common.levels.supply import supply_of
 from common.policy.leased import LeasePlayer
 from common.policy.player import chooser_of
-from common.process import Fatal, ServiceContext
+from common.process import Fatal, ServiceContext, Stopped
 from common.records.acting import (
     Circumstances,
     Fragment,
@@ -31,10 +31,6 @@ log = logging.getLogger(__name__)
 ASK_TIMEOUT_S = 10.0
 OPEN_S = 60.0  # of a question for leases: the learner ends it long before
 RETRY_S = 0.2
-
-
-class Stopped(Exception):  # noqa: N818  (not an error)
-    """Somebody asked the actor to stop in the middle of an episode."""
 
 
 class Actor:

@@ -7,7 +7,8 @@ from common.board import Board
 from common.bus import Question
 from common.checkpoint import Tensors
 from common.inbox import Inbox
-from common.process import Fatal, ServiceContext
+from common.levels.supply import supply_of
+from common.process import Fatal, ServiceContext, Stopped
 from common.records.acting import Fragment, LeaseAnswer, LeaseRequest, Weights, WeightsRequest
 from common.records.checkpoints import CheckpointFile, CheckpointNotice, CheckpointRequest
 from common.records.control import CommandAnswer, Empty, LearnerCommand
@@ -18,6 +19,7 @@ from common.wire.keys import Alive
 from services.learner.account import Account, is_due, row_of
 from services.learner.archive import KEPT_SNAPSHOTS, Archive
 from services.learner.desk import Desk, Reply, Start
+from services.learner.inline_actor import NAME, REQUEST, InlineActor
 from services.learner.learning import build_trainer, learning_of
 from services.learner.memory import Memory, take_memory
 from services.learner.opened import OpenEpisode
@@ -26,7 +28,7 @@ from services.learner.telemetry import Telemetry
 
 log = logging.getLogger(__name__)
 
-LeaseQuestion = Question[LeaseRequest, LeaseAnswer]
+LeaseQuestion = Question[LeaseRequest, LeaseAnswer] | InlineActor
 
 TURN_S = 0.1
 HISTORY_CHUNK = 1000
@@ -57,6 +59,11 @@ class Learner:
             self._config.world.n_features,
             Start(self._archive.snapshot, self._archive.version, self._account.steps, fragments),
         )
+        self._inline: InlineActor | None = None
+        if self._config.learner_acts:
+            levels = supply_of(self._config.world.levels, context.folder.path)
+            self._inline = InlineActor(self._config, levels, self._on_step)
+        self._actors: set[str] = set()  # the incarnations of those that live
         self._telemetry = Telemetry(context.folder, self._archive.snapshot, context.bus.traffic)
         self._ended: OpenEpisode | None = None  # trained, but its row and files are still due
         self._paused = context.folder.paused_file.exists()
@@ -92,6 +99,9 @@ class Learner:
             self._board.put(version, tensors)
         self._publish_weights()
         bus = self._context.bus
+        if self._inline is not None:
+            self._publish_fragment = bus.publisher(keys.FRAGMENTS)
+            self._desk.actor_came(NAME, NAME)
         bus.watch_alive(keys.ALL_ALIVE, self._on_alive)
         bus.subscribe(keys.FRAGMENTS, self._on_fragment)
         bus.serve(keys.LEASE, self._on_lease)
@@ -105,9 +115,9 @@ class Learner:
 
     def turn(self, wait_s: float = 0.0) -> None:
         """Handle what has arrived, train what is ready, answer who waits."""
-        self._inbox.take(wait_s)
+        self._inbox.take(0.0 if self._acts_next else wait_s)
         while not (self._paused or self._context.stopping.asked):
-            fragment = self._desk.next_ready()
+            fragment = self._desk.next_ready() or self._act()
             if fragment is None:
                 break
             self._train(fragment)
@@ -131,15 +141,21 @@ class Learner:
             return
         log.info("%s %s %s", alive.process, alive.incarnation, "came" if there else "is gone")
         if there:
+            if self._inline is not None and not self._actors:
+                self._send(self._desk.actor_gone(NAME))
+            self._actors.add(alive.incarnation)
             self._desk.actor_came(alive.process, alive.incarnation)
         else:
+            self._actors.discard(alive.incarnation)
             self._send(self._desk.actor_gone(alive.incarnation))
+            if self._inline is not None and not self._actors:
+                self._desk.actor_came(NAME, NAME)
 
     def _on_fragment(self, fragment: Fragment) -> None:
         if (refusal := self._desk.arrive(fragment)) is not None:
             log.warning("%s", refusal)
 
-    def _on_lease(self, question: LeaseQuestion) -> None:
+    def _on_lease(self, question: Question[LeaseRequest, LeaseAnswer]) -> None:
         self._send(self._desk.ask(question, question.request, time.monotonic()))
 
     def _on_pull_weights(self, question: Question[WeightsRequest, Weights]) -> None:
@@ -181,6 +197,29 @@ class Learner:
         log.info("%s: %s", verb, text)
         self._beat(now=True)
         question.answer(CommandAnswer(done=True, text=text))
+
+    # What is acted here
+
+    @property
+    def _acts_next(self) -> bool:
+        return self._inline is not None and self._inline.lease is not None and not self._paused
+
+    def _act(self) -> Fragment | None:
+        """Act what is leased to the learner itself; returns what is to be trained now."""
+        if self._inline is None or self._inline.lease is None:
+            return None
+        try:
+            fragment = self._inline.act(self._inline.lease, self._weights)
+        except Stopped:
+            return None
+        self._publish_fragment(fragment)
+        self._on_fragment(fragment)
+        return self._desk.next_ready()
+
+    def _on_step(self) -> None:
+        if self._context.stopping.asked:
+            raise Stopped
+        self._beat()
 
     # What goes out
 
@@ -231,7 +270,11 @@ class Learner:
         return self._config.lag + 2
 
     def _give(self) -> None:
-        self._send(self._desk.give(time.monotonic(), paused=self._paused))
+        now = time.monotonic()
+        if self._inline is not None and not (self._actors or self._inline.asks):
+            self._inline.asks = True
+            self._send(self._desk.ask(self._inline, REQUEST, now))
+        self._send(self._desk.give(now, paused=self._paused))
 
     def _send(self, replies: list[Reply[LeaseQuestion]]) -> None:
         for question, answer, last in replies:

@@ -8,19 +8,13 @@ import time
 from collections.abc import Iterator
 from typing import NamedTuple
 
-import numpy as np
-
 from common.checkpoint import Tensors
 from common.config import RunConfig
 from common.levels.supply import LevelSupply
-from common.policy.leased import LeasePlayer
-from common.policy.player import chooser_of
-from common.records.acting import Circumstances, Fragment, Lease, LeaseRequest
 from services.learner.desk import Desk
+from services.learner.inline_actor import NAME, REQUEST, InlineActor
 from services.learner.learning import build_trainer, learning_of
 from services.learner.schedule import Schedule
-
-NAME = "alone"
 
 
 class Trained(NamedTuple):
@@ -38,10 +32,9 @@ class Alone:
     def __init__(self, config: RunConfig, levels: LevelSupply | None = None) -> None:
         """Levels come from the generator, unless a supply is given."""
         self._config = config
-        self._chooser = chooser_of(config)
-        self._player = LeasePlayer(config, levels or LevelSupply(config.world.levels), self._chooser)
+        self._actor = InlineActor(config, levels or LevelSupply(config.world.levels))
         self._trainer = build_trainer(config.rule, learning_of(config))
-        self._desk: Desk[None] = Desk(Schedule.of(config), config.world.n_features)
+        self._desk: Desk[InlineActor] = Desk(Schedule.of(config), config.world.n_features)
         self._desk.actor_came(NAME, NAME)
         self._weights = {0: self._trainer.weights()}
 
@@ -61,12 +54,13 @@ class Alone:
     def train(self) -> Iterator[Trained]:
         """One episode after another, each when it is trained."""
         begun = time.perf_counter()
-        request = LeaseRequest(actor=NAME, incarnation=NAME, serves="any", kept=np.zeros((0, 2), np.int64))
-        self._desk.ask(None, request, 0.0)
+        self._desk.ask(self._actor, REQUEST, 0.0)
         while not self._desk.ledger.finished:
-            for reply in self._desk.give(0.0):
-                if reply.answer is not None and reply.answer.lease is not None:
-                    self._desk.arrive(self._act(reply.answer.lease))
+            for actor, answer, last in self._desk.give(0.0):
+                if answer is not None:
+                    actor.answer(answer, last=last)
+            if self._actor.lease is not None:
+                self._desk.arrive(self._actor.act(self._actor.lease, self._weights))
             while (fragment := self._desk.next_ready()) is not None:
                 self._trainer.train(fragment)
                 episode = self._desk.mark_trained()
@@ -76,8 +70,3 @@ class Alone:
                 if episode is not None:
                     seconds = time.perf_counter() - begun
                     yield Trained(episode.digest, episode.steps, episode.decisions, seconds)
-
-    def _act(self, lease: Lease) -> Fragment:
-        self._chooser.load(self._weights[lease.weights_version])
-        circumstances = Circumstances(actor=NAME, acting_s=0.0, waited_s=0.0)
-        return Fragment(lease=lease, course=self._player.act(lease), circumstances=circumstances)
