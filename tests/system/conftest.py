@@ -25,8 +25,8 @@ RAILCTL = Path(sys.executable).with_name("railctl")
 PATIENCE_S = 300.0
 EPISODES = 40
 OPTIONS = (
-    f"--level easy --episodes {EPISODES} --seed 7 --set evaluation.every_episodes=20 --set evaluation.levels=2 "
-    "--set cluster.snapshot_every_episodes=4"
+    f"--level easy --actors easy=1 --episodes {EPISODES} --seed 7 --set evaluation.every_episodes=20 "
+    "--set evaluation.levels=2 --set cluster.snapshot_every_episodes=4"
 ).split()
 DQN_OPTIONS = ["--set", "dqn.batch_size=32", "--set", "dqn.learn_every_steps=8", "--set", "fragment_steps=100"]
 NOT_OF_THE_CURVE = {"actor", "acting_s", "trained_unix_s", "evaluated_unix_s", "evaluating_s"}
@@ -110,6 +110,10 @@ class Clusters:
         lines = [*folder.episodes_file.read_text().splitlines(), *folder.evaluations_file.read_text().splitlines()]
         return [{k: v for k, v in json.loads(line).items() if k not in NOT_OF_THE_CURVE} for line in lines]
 
+    def actors(self, name: str) -> set[str]:
+        """Who acted the episodes of a curve."""
+        return {json.loads(row)["actor"] for row in self.folder(name).episodes_file.read_text().splitlines()}
+
     def end(self) -> None:
         """Leave no process behind, whatever happened."""
         for process in self._started:
@@ -183,8 +187,8 @@ def tail(clusters: Clusters) -> Iterator[Callable[[str], Tail]]:
 
 @pytest.fixture(scope="session")
 def undisturbed(clusters: Clusters) -> list[dict]:
-    """The curve of the small run with one actor and nothing killed."""
-    output = clusters.up("undisturbed").stdout
+    """The curve of the small run that its learner acts, and nothing killed."""
+    output = clusters.up("undisturbed", "--actors", "easy=0").stdout
     assert "Summary" in output
     assert clusters.folder("undisturbed").curve_file.exists()
     curve = clusters.curve("undisturbed")

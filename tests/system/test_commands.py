@@ -11,7 +11,7 @@ from common.locks import living
 
 
 def test_pause_scale_resume_checkpoint_down_up(clusters, undisturbed, tail):
-    clusters.up("handled", "--detach")
+    clusters.up("handled", "--actors", "easy=0", "--detach")
     rows = tail("handled")
     rows.until(2)
     clusters.pause("handled")
@@ -37,6 +37,7 @@ def test_pause_scale_resume_checkpoint_down_up(clusters, undisturbed, tail):
     tail("handled").rest()
     ours = [row for row in clusters.curve("handled") if "digest" in row or row["episode"] in (20, 40)]
     assert ours == undisturbed
+    assert clusters.actors("handled") >= {"learner", "actor-easy-0"}  # who acted first, and who did in the end
 
 
 def test_ctrl_c_stops_cleanly_and_loses_nothing(clusters, tail):

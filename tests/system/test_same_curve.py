@@ -1,6 +1,5 @@
 """The promise of the system: the curve is a function of configuration and seed, whatever happens meanwhile."""
 
-import json
 import signal
 
 import pytest
@@ -15,10 +14,11 @@ KILLED_AFTER = {2: "actor-easy-0", 4: "learner", 6: "evaluator", 8: "router", 10
 
 
 @pytest.mark.slow
-def test_three_actors_give_the_curve_of_one(clusters, undisturbed):
-    clusters.up("three", "--actors", "easy=3")
-    assert clusters.curve("three") == undisturbed
-    assert actors_of(clusters, "three") > 1
+@pytest.mark.parametrize("count", [1, 3])
+def test_any_number_of_actors_gives_the_same_curve(clusters, undisturbed, count):
+    clusters.up(f"with-{count}", "--actors", f"easy={count}")
+    assert clusters.curve(f"with-{count}") == undisturbed
+    assert len(clusters.actors(f"with-{count}")) in range(min(count, 2), count + 1)
 
 
 def test_one_process_without_a_message_gives_the_same_curve(clusters, undisturbed):
@@ -56,16 +56,21 @@ def test_killing_everything_one_after_another_changes_nothing(clusters, undistur
     clusters.goes_on_paused("killed")
     rows.rest()
     assert clusters.curve("killed") == undisturbed
-    assert actors_of(clusters, "killed") > 1
+    assert len(clusters.actors("killed")) > 1
     assert rows.episodes == list(range(EPISODES))
     assert rows.evaluations == [20, 40]
     assert living(clusters.folder("killed")) == {}
 
 
-def actors_of(clusters, name):
-    """How many had a part in the curve."""
-    rows = clusters.folder(name).episodes_file.read_text().splitlines()
-    return len({json.loads(row)["actor"] for row in rows})
+def test_a_learner_that_acts_itself_and_is_killed_gives_the_same_curve(clusters, undisturbed, tail):
+    clusters.up("itself", "--actors", "easy=0", "--detach")
+    rows = tail("itself")
+    for episodes in (3, 9):
+        rows.until(episodes)
+        clusters.kill("itself", "learner")
+    rows.rest()
+    assert clusters.curve("itself") == undisturbed
+    assert clusters.actors("itself") == {"learner"}
 
 
 SMALL = ("--set", "network.hidden=[32, 32]", "--set", "dqn.batch_size=32")  # an LSTM learns slowly

@@ -131,7 +131,7 @@ def test_wrong_usage_has_its_own_exit_code_and_no_traceback(root, arguments):
         (["--actors", "esy=1"], "no actors for level easy: add --actors easy=1"),
         (["--actors", "hard=1"], "no actors for level easy: add --actors easy=1"),
         (["--actors", "easy=1,hard=1"], "actors for level hard, which this run does not have: it has easy"),
-        (["--actors", "easy=0"], "no actors for level easy: add --actors easy=1"),
+        (["--level", "easy", "--actors", "hard=0,rush=1"], "no actors for level easy: add --actors easy=1"),
         (["--actors", "easy=257"], "actors 'easy=257': at most 256 of a level"),
         (["--episodes", "0"], "episodes: input should be greater than or equal to 1, not 0"),
         (["--seed", "-1"], "seed: input should be greater than or equal to 0, not -1"),

@@ -42,7 +42,8 @@ def complaint(call, *arguments):
 def test_every_preset_makes_a_run_of_every_level(algorithm, level):
     config = resolve({"algorithm": algorithm, "level": level})
     assert (config.algorithm, config.mix) == (algorithm, {level: 1.0})
-    assert config.cluster.actors == {level: 1}
+    assert config.cluster.actors == {level: 0}
+    assert config.learner_acts
 
 
 def test_nothing_given_is_the_default_run():
@@ -60,10 +61,14 @@ def test_a_level_may_have_settings_of_its_own():
     ("mix", "steps"),
     [({"easy": 0.5, "medium": 0.5}, 40), ({"medium": 0.9, "hard": 0.1}, 30), ({"hard": 0.1, "easy": 0.9}, 30)],
 )
-def test_a_mix_has_the_settings_of_its_level_with_the_most_trains_and_an_actor_for_each(mix, steps):
-    config = resolve({"mix": mix})
-    assert config.learning.dqn.learn_every_steps == steps
-    assert config.cluster.actors == dict.fromkeys(mix, 1)
+def test_a_mix_has_the_settings_of_its_level_with_the_most_trains(mix, steps):
+    assert resolve({"mix": mix}).learning.dqn.learn_every_steps == steps
+
+
+def test_what_runs_in_parallel_has_an_actor_for_each_level():
+    config = resolve({"mix": {"easy": 0.5, "hard": 0.5}, "lag": 1})
+    assert config.cluster.actors == {"easy": 1, "hard": 1}
+    assert not config.learner_acts
 
 
 def test_what_is_given_outranks_preset_and_level():
@@ -74,7 +79,8 @@ def test_what_is_given_outranks_preset_and_level():
 
 def test_named_actors_replace_the_default_ones():
     assert resolve({"cluster": {"actors": {"any": 2}}}).cluster.actors == {"any": 2}
-    assert resolve({"cluster": {"cores": 1}}).cluster.actors == {"easy": 1}
+    assert resolve({"cluster": {"actors": {"easy": 0}}, "lag": 1}).learner_acts
+    assert resolve({"cluster": {"cores": 1}, "lag": 1}).cluster.actors == {"easy": 1}
 
 
 def test_resolving_changes_nothing_that_was_given():
@@ -193,7 +199,7 @@ def test_the_order_of_a_mix_makes_no_other_run():
 def test_what_is_wrong_for_an_existing_run_is_named_too():
     assert complaint(resolve_existing, existing(), {"dqn": {"batchsize": 1}}, "one").startswith("unknown key dqn.batch")
     assert complaint(resolve_existing, existing(), {"cluster": {"cores": 0}}, "one").startswith("cluster.cores: ")
-    assert complaint(resolve_existing, existing(), {"cluster": {"actors": {"none": 1}}}, "one") == (
+    assert complaint(resolve_existing, existing(), {"cluster": {"actors": {"rush": 1}}}, "one") == (
         "no actors for level easy: add --actors easy=1"
     )
     assert complaint(resolve_existing, existing(), {"level": 5}, "one").startswith("level: input should be the name of")
@@ -429,7 +435,7 @@ def test_levels_of_ones_own_make_a_run():
     config = resolve({"levels": {"rush": RUSH, "unused": RUSH}, "level": "rush"})
     assert list(config.world.levels) == ["rush"]
     assert config.world.bounds == (30, 40, 20)
-    assert (config.mix, config.cluster.actors, config.evaluation.levels) == ({"rush": 1.0}, {"rush": 1}, 50)
+    assert (config.mix, config.cluster.actors, config.evaluation.levels) == ({"rush": 1.0}, {"rush": 0}, 50)
     mixed = resolve({"levels": {"rush": RUSH}, "mix": {"easy": 0.5, "rush": 0.5}})
     assert list(mixed.world.levels) == ["easy", "rush"]
     assert mixed.cluster.actors == {"easy": 1, "rush": 1}
