@@ -50,7 +50,7 @@ class Learner:
         self._weights: dict[int, Tensors] = {}
         snapshot = self._archive.resume()
         fragments = [] if snapshot is None else self._restore(snapshot)
-        self._board = Board(context.folder.board_file, self._settled, self._kept_versions)
+        self._board = Board(context.folder.board_file, self._trainer.weights(), self._kept_versions)
         self._account = Account(self._archive.rows, time.monotonic())
         self._desk: Desk[LeaseQuestion] = Desk(
             Schedule.of(self._config),
