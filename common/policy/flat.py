@@ -5,8 +5,9 @@ parameters they are moved as one piece.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -84,8 +85,8 @@ class Order:
         return flat
 
 
-class Flat(dict[str, NDArray[np.float32]]):
-    """Tensors by name that are views of one array.
+class Flat(Mapping[str, NDArray[np.float32]]):
+    """Tensors by name that are views of one array; they are made when somebody asks for one.
 
     Attributes:
         order: theirs.
@@ -93,8 +94,20 @@ class Flat(dict[str, NDArray[np.float32]]):
     """
 
     def __init__(self, order: Order, flat: NDArray[np.float32]) -> None:
-        super().__init__(order.views(flat))
         self.order, self.flat = order, flat
+
+    @cached_property
+    def _views(self) -> dict[str, NDArray[np.float32]]:
+        return self.order.views(self.flat)
+
+    def __getitem__(self, name: str) -> NDArray[np.float32]:
+        return self._views[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.order.places)
+
+    def __len__(self) -> int:
+        return len(self.order.places)
 
 
 def even(size: int) -> int:

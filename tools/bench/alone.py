@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.checkpoint import Tensors
 from common.config import RunConfig
 from common.levels.supply import LevelSupply
+from common.policy.flat import Arrays
 from common.policy.leased import LeasePlayer
 from common.policy.player import chooser_of
 from common.records.acting import Circumstances, Fragment, Lease, LeaseRequest
@@ -54,7 +54,7 @@ class Alone:
         """How many fragments have been trained."""
         return self._desk.ledger.version
 
-    def weights(self) -> Tensors:
+    def weights(self) -> Arrays:
         """Those after the last fragment."""
         return self._weights[self.version]
 
