@@ -109,9 +109,9 @@ class TransitionMaker:
                 arrival; then nothing has changed.
         """
         course, decisions = fragment.course, fragment.course.decisions
-        self._check_follows(fragment)
+        episode, number = self._check_follows(fragment)
         check_order(fragment)
-        if not self.is_open:
+        if self._open is None:
             self._begin(course)
         n_trains, n_features = course.final_observations.shape
         most = len(decisions) + n_trains
@@ -130,8 +130,7 @@ class TransitionMaker:
             self._discount,
             self._made,
             *self._pending,
-            numbers.view(np.int32),
-            numbers.view(np.float32),
+            numbers,
             rows,
             completed_at,
         )
@@ -139,11 +138,11 @@ class TransitionMaker:
         if course.over:
             self.forget()
         else:
-            episode, number = fragment.lease.unit
             self._open = (episode, number + 1, course.last_step)
         return Transitions(Items(numbers[:count], rows[:count]), completed_at[:count])
 
-    def _check_follows(self, fragment: Fragment) -> None:
+    def _check_follows(self, fragment: Fragment) -> tuple[int, int]:
+        """Returns episode and number of the fragment."""
         episode, number = fragment.lease.unit
         got = (episode, number, fragment.course.first_step)
         want = (episode, 0, 0) if self._open is None else self._open
@@ -152,8 +151,9 @@ class TransitionMaker:
                 f"fragment {number} of episode {episode} begins after step {got[2]}: "
                 f"fragment {want[1]} of episode {want[0]} comes next, after step {want[2]}"
             )
-        if self.is_open and self._pending[2].shape != fragment.course.final_observations.shape:
+        if self._open is not None and self._pending[2].shape != fragment.course.final_observations.shape:
             raise ValueError(f"fragment {number} of episode {episode}: other trains or features than before")
+        return episode, number
 
     def _begin(self, course: Course) -> None:
         """Memory for each train's pending decision, see `find_transitions`."""
@@ -187,12 +187,12 @@ def note(
     number: int,
     pending: NDArray[np.int64],
     sums: NDArray[np.float64],
-    integers: NDArray[np.int32],
-    floats: NDArray[np.float32],
+    out: NDArray[np.uint32],
 ) -> None:
     """Write the numbers of the transition that ends what is pending, the `number`th of its episode."""
-    integers[ACTION], floats[REWARD], floats[DISCOUNT] = pending[DECIDED], sums[REWARDED], sums[DISCOUNTED]
-    integers[BACK] = 0 if pending[LAST] == NONE else number - pending[LAST]
+    out[ACTION], out[BACK] = pending[DECIDED], 0 if pending[LAST] == NONE else number - pending[LAST]
+    out[REWARD] = np.float32(sums[REWARDED]).view(np.uint32)
+    out[DISCOUNT] = np.float32(sums[DISCOUNTED]).view(np.uint32)
     pending[DECIDED], pending[LAST] = NONE, number
 
 
@@ -212,8 +212,7 @@ def find_transitions(  # noqa: PLR0913  (compiled code takes arrays, not objects
     pending: NDArray[np.int64],
     sums: NDArray[np.float64],
     kept: NDArray[np.uint32],
-    integers: NDArray[np.int32],
-    floats: NDArray[np.float32],
+    numbers: NDArray[np.uint32],
     rows: NDArray[np.uint32],
     completed_at: NDArray[np.int64],
 ) -> int:
@@ -235,8 +234,7 @@ def find_transitions(  # noqa: PLR0913  (compiled code takes arrays, not objects
             the number of the train's last transition, NONE for none; overwritten.
         sums: [N, 2], their discounted rewards so far, and gamma to the power of their steps so far; overwritten.
         kept: [N, F], what was seen at them; overwritten.
-        integers: [D + N, 4], overwritten with the transitions' numbers, in their order: ACTION and BACK.
-        floats: the same memory: REWARD and DISCOUNT.
+        numbers: [D + N, 4], overwritten with those of the transitions, in their order.
         rows: [D + N, 2, F], overwritten with what was seen before and after them.
         completed_at: [D + N], overwritten.
 
@@ -251,7 +249,7 @@ def find_transitions(  # noqa: PLR0913  (compiled code takes arrays, not objects
             if decision < len(times) and times[decision] == step and trains[decision] == train:
                 seen = observations[decision]
                 if pending[train, DECIDED] != NONE:
-                    note(made + count, pending[train], sums[train], integers[count], floats[count])
+                    note(made + count, pending[train], sums[train], numbers[count])
                     copy(kept[train], rows[count, 0])
                     copy(seen, rows[count, 1])
                     completed_at[count] = step + 1
@@ -272,7 +270,7 @@ def find_transitions(  # noqa: PLR0913  (compiled code takes arrays, not objects
                     following[:] = 0
                 else:
                     copy(final_observations[train], following)
-                note(made + count, pending[train], sums[train], integers[count], floats[count])
+                note(made + count, pending[train], sums[train], numbers[count])
                 copy(kept[train], rows[count, 0])
                 completed_at[count] = step + 1
                 count += 1
