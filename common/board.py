@@ -1,8 +1,9 @@
 """The newest weights, where all processes of a machine can read them: a file of slots, shared through its page cache.
 
-A version has the slot of its number modulo their number. A slot is the version, a sum of its numbers, the tensors one
-after the other, matrices column by column as twins have them, and the version once more. Both sides move a slot in one
-call, which goes from front to back: if a writer overtakes a reader or is overtaken, or is killed in between, the two
+A version has the slot of its number modulo their number. A slot is the version, a sum of its numbers, the tensors as a
+flat array in an order that the file's head tells, and the version once more. Weights that have an order of their own
+(`common.policy.flat`) lie in it here too: nobody rearranges them on their way. Both sides move a slot in one call,
+which goes from front to back: if a writer overtakes a reader or is overtaken, or is killed in between, the two
 versions differ, and on file systems that promise less the sum does. Such a slot is not there, as if it had never been
 written; whoever misses a version asks for it. The file is read and written by calls, not mapped: a full disk is then an
 error and not a signal.
@@ -10,60 +11,58 @@ error and not a signal.
 
 import errno
 import json
-import math
 import os
-from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-Tensors = Mapping[str, NDArray[np.float32]]
+from common.kernel import bare_kernel
+from common.policy.flat import Arrays, Flat, Order, Place
+
+Tensors = Arrays
 
 HEADER_BYTES = 8  # a number: the bytes of the JSON that follows it
 ALIGNED = 4096
 HEAD, TAIL = 2, 1  # int64 numbers before and after the tensors of a slot
 MOST_NAMES_BYTES = 1_000_000
-NOWHERE: tuple[Any, Any, Any] = (None, None, None)
+EXPONENTS, ONES = 0x7F800000_7F800000, 0x00800000_00800000  # of a pair of float32
+SIGNS = np.int64(-0x7FFFFFFF_80000000)
+
+Room = tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]
 
 
 class Slots:
-    """Where everything lies: `count` slots of tensors of these names and shapes, in order."""
+    """Where everything lies: `count` slots of tensors in an order."""
 
-    def __init__(self, shapes: Mapping[str, tuple[int, ...]], count: int) -> None:
-        self.shapes = dict(shapes)
+    def __init__(self, order: Order, count: int) -> None:
+        self.order = order
         self.count = count
-        self.header = json.dumps({"count": count, "shapes": self.shapes}).encode()
-        size = sum(math.prod(shape) for shape in self.shapes.values())
-        self.size = size + size % 2  # whole words, to sum
+        self.header = json.dumps({"count": count, "size": order.size, "places": order.places}).encode()
         self._first = -(-(HEADER_BYTES + len(self.header)) // ALIGNED) * ALIGNED
-        self._stride = -(-(8 * (HEAD + TAIL) + 4 * self.size) // ALIGNED) * ALIGNED
+        self.slot_bytes = 8 * (HEAD + TAIL) + 4 * order.size
+        self._stride = -(-self.slot_bytes // ALIGNED) * ALIGNED
         self.file_bytes = self._first + count * self._stride
 
     @classmethod
     def of_header(cls, header: bytes) -> "Slots":
         """Those that a file's header tells of; raises ValueError, KeyError or TypeError for what is none."""
         told = json.loads(header)
-        shapes = {str(name): tuple(int(length) for length in shape) for name, shape in told["shapes"].items()}
-        return cls(shapes, int(told["count"]))
+        places = {
+            str(name): Place(tuple(map(int, shape)), int(begin), tuple(map(int, strides)))
+            for name, (shape, begin, strides) in told["places"].items()
+        }
+        return cls(Order(int(told["size"]), places), int(told["count"]))
 
     def start(self, version: int) -> int:
         """Where in the file the slot of a version begins."""
         return self._first + version % self.count * self._stride
 
-    def room(self) -> tuple[Any, Any, Any]:  # numpy's stubs know no buffers
+    def room(self) -> Room:
         """The three parts of a slot in memory: version and sum, numbers, version."""
-        return np.zeros(HEAD, np.int64), np.zeros(self.size, np.float32), np.zeros(TAIL, np.int64)
-
-    def named(self, flat: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
-        """Views of a slot's numbers."""
-        views, at = {}, 0
-        for name, shape in self.shapes.items():
-            size = math.prod(shape)
-            views[name] = flat[at : at + size].reshape(shape[::-1]).T
-            at += size
-        return views
+        return np.zeros(HEAD, np.int64), np.zeros(self.order.size, np.float32), np.zeros(TAIL, np.int64)
 
 
 class Board:
@@ -76,9 +75,8 @@ class Board:
             OSError: the disk is full, say.
         """
         self._path = path
-        self._slots = Slots({name: array.shape for name, array in like.items()}, count)
-        self._head, self._flat, self._tail = self._slots.room()
-        self._views = self._slots.named(self._flat)
+        self._slots = Slots(Order.of(like), count)
+        self._head, nothing, self._tail = self._slots.room()
         temporary = path.with_name(f".{path.name}.tmp")
         self._file = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o644)
         os.posix_fallocate(self._file, 0, self._slots.file_bytes)
@@ -86,7 +84,7 @@ class Board:
         os.pwrite(self._file, len(header).to_bytes(HEADER_BYTES, "little") + header, 0)
         for slot in range(count):
             self._head[0] = self._tail[0] = -1
-            self._write(slot)
+            self._write(slot, nothing)
         temporary.replace(path)
 
     def put(self, version: int, tensors: Tensors) -> None:
@@ -96,30 +94,29 @@ class Board:
             ValueError: the tensors have numbers that are not finite; nothing is written.
             OSError: the disk is full, say.
         """
-        for name, view in self._views.items():
-            view[...] = tensors[name]
-        if not np.isfinite(self._flat).all():
+        flat = self._slots.order.pack(tensors)
+        total, finite = look_over(flat.view(np.int64))
+        if not finite:
             raise ValueError(f"weights {version} have numbers that are not finite")
-        self._head[0] = self._tail[0] = version
-        self._head[1] = _sum(self._flat)
-        self._write(version)
+        self._head[:] = version, total
+        self._tail[0] = version
+        self._write(version, flat)
 
     def close(self) -> None:
         """Nobody finds anything here any more."""
         self._path.unlink(missing_ok=True)
         os.close(self._file)
 
-    def _write(self, version: int) -> None:
-        parts = (self._head, self._flat, self._tail)
-        if os.pwritev(self._file, parts, self._slots.start(version)) != sum(part.nbytes for part in parts):
+    def _write(self, version: int, flat: NDArray[np.float32]) -> None:
+        parts: Any = (self._head, flat, self._tail)  # numpy's stubs know no buffers
+        if os.pwritev(self._file, parts, self._slots.start(version)) != self._slots.slot_bytes:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 class _Opened(NamedTuple):
     file: int
     identity: tuple[int, int]  # as long as it is held open, no other file has it
-    slots: Slots | None  # None: it is no board
-    room: tuple[Any, Any, Any]  # read into again and again: fresh memory costs more than what is read
+    pages: "_Pages | None"  # None: it is no board
 
 
 class BoardReader:
@@ -129,11 +126,14 @@ class BoardReader:
         self._path = path
         self._opened: _Opened | None = None
 
-    def get(self, version: int) -> dict[str, NDArray[np.float32]] | None:
-        """The tensors of a version, good until the next call; None if the board does not have them, or no more."""
+    def get(self, version: int) -> Flat | None:
+        """The tensors of a version; None if the board does not have them, or no more.
+
+        They are good until the call after the next one that finds some: who takes them over takes no copy.
+        """
         try:
-            file, _, slots, room = self._current()
-            return None if slots is None else _read(file, slots, room, version)
+            file, _, pages = self._current()
+            return None if pages is None else pages.read(file, version)
         except OSError:  # there is no board, here
             return None
 
@@ -148,8 +148,7 @@ class BoardReader:
             self.close()
             file = os.open(self._path, os.O_RDONLY)
             there = os.fstat(file)
-            slots = _slots_of(file, there.st_size)
-            self._opened = _Opened(file, _identity(there), slots, NOWHERE if slots is None else slots.room())
+            self._opened = _Opened(file, _identity(there), _pages_of(file, there.st_size))
         return self._opened
 
 
@@ -157,22 +156,49 @@ def _identity(there: os.stat_result) -> tuple[int, int]:
     return there.st_dev, there.st_ino
 
 
-def _read(file: int, slots: Slots, room: tuple[Any, Any, Any], version: int) -> dict[str, NDArray[np.float32]] | None:
-    head, flat, tail = room
-    length = os.preadv(file, room, slots.start(version))
-    whole = length == sum(part.nbytes for part in room) and head[0] == tail[0] == version and head[1] == _sum(flat)
-    return slots.named(flat) if whole else None
+@dataclass
+class _Pages:
+    """Memory for two slots in turn, used again and again: fresh memory costs more than what is read."""
+
+    slots: Slots
+    spare: Room
+    given: Room
+
+    def read(self, file: int, version: int) -> Flat | None:
+        """What the slot of a version holds, if it is whole; else what was given before stays the last."""
+        head, flat, tail = parts = self.spare
+        buffers: Any = parts  # numpy's stubs know no buffers
+        length = os.preadv(file, buffers, self.slots.start(version))
+        if length != self.slots.slot_bytes or not head[0] == tail[0] == version:
+            return None
+        if head[1] != look_over(flat.view(np.int64))[0]:
+            return None
+        self.spare, self.given = self.given, self.spare
+        return Flat(self.slots.order, flat)
 
 
-def _slots_of(file: int, size: int) -> Slots | None:
-    """What an open file says that it holds; None if it is no board."""
+def _pages_of(file: int, size: int) -> _Pages | None:
+    """Room for what an open file holds; None if it is no board."""
     length = int.from_bytes(os.pread(file, HEADER_BYTES, 0), "little")
     try:
         slots = Slots.of_header(os.pread(file, min(length, MOST_NAMES_BYTES), HEADER_BYTES))
+        if slots.count <= 0 or slots.file_bytes != size:
+            return None
+        pages = _Pages(slots, slots.room(), slots.room())
+        slots.order.views(pages.spare[1])
     except (ValueError, KeyError, TypeError, AttributeError):
         return None
-    return slots if slots.count > 0 and slots.file_bytes == size else None
+    return pages
 
 
-def _sum(flat: NDArray[np.float32]) -> Any:
-    return flat.view(np.int64).sum()
+@bare_kernel
+def look_over(pairs: NDArray[np.int64]) -> tuple[int, bool]:
+    """The sum of pairs of float32, by their bits, and whether all are finite.
+
+    The exponents of those that are not are all ones: one more carries into the bit of the sign.
+    """
+    total = carried = 0
+    for pair in pairs:
+        total += pair
+        carried |= (pair & EXPONENTS) + ONES
+    return total, carried & SIGNS == 0

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from common.kernel import kernel
 from common.policy.choosing import choose, draw_counter, log_probability
-from common.policy.packing import ACTOR_CRITIC, Arrays, Layout
+from common.policy.flat import Arrays
+from common.policy.packing import ACTOR_CRITIC, Layout
 from common.policy.twin import forward
 from common.rail.play import Choose, Decision
 
@@ -127,12 +128,12 @@ class Twin(Chooser):
         self.parameters = np.zeros(0, np.float32)
 
     def load(self, tensors: Arrays) -> None:
-        """Take over parameters, by the names that `export_parameters` gives them.
+        """Take over parameters, by the names that `export_parameters` gives them; those in its own order as they lie.
 
         Raises:
-            KeyError, ValueError: as `Layout.pack`.
+            KeyError, ValueError: as `Order.pack`.
         """
-        self.parameters = self.layout.pack(tensors, self.parameters)
+        self.parameters = self.layout.pack(tensors)
 
     def outputs(
         self, observations: NDArray[np.float32], state: NDArray[np.float32] | None = None

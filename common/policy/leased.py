@@ -25,6 +25,7 @@ class LeasePlayer:
         self._levels = levels
         self._chooser = chooser
         self._players = Players(config, chooser, on_step)
+        self._explores = (-1, 0)  # the last episode, and the key of its stream
         self._stands_at: tuple[int, int] | None = None  # episode and steps that the last player's world is at
 
     def get_ready(self, name: str) -> None:
@@ -35,10 +36,16 @@ class LeasePlayer:
     def act(self, lease: Lease) -> Course:
         """What happens under a lease."""
         states = self._stand_at(lease)
-        key = stream_key(self._seed, lease.episode, "explore")
-        course = self._players.of(lease.level).advance(Acting(self._chooser, lease.epsilon, key), states, lease.steps)
+        acting = Acting(self._chooser, lease.epsilon, self._key(lease.episode))
+        course = self._players.of(lease.level).advance(acting, states, lease.steps)
         self._stands_at = (lease.episode, course.last_step)
         return course
+
+    def _key(self, episode: int) -> int:
+        """Of the episode's stream of exploration, which its next fragment needs again."""
+        if self._explores[0] != episode:
+            self._explores = episode, stream_key(self._seed, episode, "explore")
+        return self._explores[1]
 
     def _stand_at(self, lease: Lease) -> NDArray[np.float32]:
         """Bring the world to where the lease goes on, unless it stands there; returns the trains' states [N, S]."""

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from torch import nn
 
 from common.policy.compiled import Chooser
+from common.policy.flat import Arrays
 from common.policy.networks import import_parameters
-from common.policy.packing import ACTOR_CRITIC, HEADER_WIDTHS, PLAIN, Arrays
+from common.policy.packing import ACTOR_CRITIC, HEADER_WIDTHS, PLAIN
 
 
 class ModuleChooser(Chooser):

@@ -9,19 +9,22 @@ up to whole blocks with zeros. In order:
 | plain | hidden layers, head of action values |
 | dueling | hidden layers, head of V and advantages |
 | actor-critic | the actor's hidden layers, head of logits, the critic's hidden layers, head of V |
-| recurrent | weights of the LSTM's inputs, of its hidden state, one bias, then hidden layers and head as dueling |
+| recurrent | weights of the LSTM's inputs, of its hidden state, two biases, then hidden layers and head as dueling |
 
 A layer is its weights [in, out] and its biases [out]. The header is `kind, F, A, number of hidden widths, widths...`;
 for recurrent networks the first width is the LSTM's.
 """
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from common.policy.flat import Arrays, Order, Place, even
 
 Kind = Literal["plain", "dueling", "actor-critic", "recurrent"]
 PLAIN, DUELING, ACTOR_CRITIC, RECURRENT = range(4)
@@ -29,8 +32,6 @@ KINDS: dict[Kind, int] = {"plain": PLAIN, "dueling": DUELING, "actor-critic": AC
 BLOCK = 8  # columns of a head that are summed together; a head's width is a multiple of it
 HEADER_WIDTHS = 4  # where the widths begin in the header
 GATES = 4  # of an LSTM: input, forget, cell, output
-
-Arrays = Mapping[str, NDArray[np.float32]]
 
 
 @dataclass(frozen=True)
@@ -57,29 +58,25 @@ class Layout:
         fields = [KINDS[self.kind], self.n_features, self.n_actions, len(self.hidden), *self.hidden]
         return np.array(fields, dtype=np.int64)
 
-    def pack(self, tensors: Arrays, room: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
-        """The parameters in the order of the table above, in the `room` of earlier ones if they are as many.
-
-        Raises:
-            KeyError: a parameter is missing.
-            ValueError: one has another shape than this layout says.
-        """
-        hidden, features = self.hidden, self.n_features
-        parts: list[NDArray[np.float32]] = []
+    @cached_property
+    def order(self) -> Order:
+        """The order of the table above."""
+        hidden, features, places = self.hidden, self.n_features, _Places()
         if self.kind == "actor-critic":
-            parts += _stack(tensors, "actor_hidden", (features, *hidden))
-            parts += _head(tensors, {"actor": self.n_actions}, hidden[-1])
-            parts += _stack(tensors, "critic_hidden", (features, *hidden))
-            parts += _head(tensors, {"critic": 1}, hidden[-1])
+            for part, width in {"actor": self.n_actions, "critic": 1}.items():
+                places.add_stack(f"{part}_hidden", (features, *hidden))
+                places.add_layer(hidden[-1], {part: width}, padded(width))
         else:
             if self.kind == "recurrent":
-                parts += _cell(tensors, features, hidden[0])
-            parts += _stack(tensors, "hidden", hidden if self.kind == "recurrent" else (features, *hidden))
+                places.add_cell(features, hidden[0])
+            places.add_stack("hidden", hidden if self.kind == "recurrent" else (features, *hidden))
             heads = {"q": self.n_actions} if self.kind == "plain" else {"value": 1, "advantage": self.n_actions}
-            parts += _head(tensors, heads, hidden[-1])
-        flat = [np.ascontiguousarray(part, np.float32).ravel() for part in parts]
-        fits = room is not None and len(room) == sum(map(len, flat))
-        return np.concatenate(flat, out=room if fits else None)
+            places.add_layer(hidden[-1], heads, padded(sum(heads.values())))
+        return Order(even(places.end), places.found)
+
+    def pack(self, tensors: Arrays) -> NDArray[np.float32]:
+        """The parameters in their order; raises as `Order.pack`."""
+        return self.order.pack(tensors)
 
 
 def padded(width: int) -> int:
@@ -87,43 +84,33 @@ def padded(width: int) -> int:
     return -(-width // BLOCK) * BLOCK
 
 
-def _tensor(tensors: Arrays, name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    array = tensors[name]
-    if array.shape != shape:
-        raise ValueError(f"tensor {name} has shape {array.shape}, not {shape}")
-    return array
+class _Places:
+    """Parameters, each behind those before it."""
 
+    def __init__(self) -> None:
+        self.found: dict[str, Place] = {}
+        self.end = 0
 
-def _stack(tensors: Arrays, name: str, widths: tuple[int, ...]) -> list[NDArray[np.float32]]:
-    """Weights and biases of the layers between these widths."""
-    parts = []
-    for layer, (n_in, n_out) in enumerate(itertools.pairwise(widths)):
-        parts += [
-            _tensor(tensors, f"{name}.{layer}.weight", (n_out, n_in)).T,
-            _tensor(tensors, f"{name}.{layer}.bias", (n_out,)),
-        ]
-    return parts
+    def add_stack(self, name: str, widths: Sequence[int]) -> None:
+        """The layers between these widths."""
+        for layer, (n_in, n_out) in enumerate(itertools.pairwise(widths)):
+            self.add_layer(n_in, {f"{name}.{layer}": n_out}, n_out)
 
+    def add_layer(self, n_in: int, parts: dict[str, int], width: int) -> None:
+        """The weights of parts of a layer side by side, filled up to a width, then their biases."""
+        begin, biases = self.end, self.end + n_in * width
+        for name, n_out in parts.items():
+            self.found[f"{name}.weight"] = Place.counted((n_out, n_in), begin, (1, width))
+            self.found[f"{name}.bias"] = Place.counted((n_out,), biases, (1,))
+            begin, biases = begin + n_out, biases + n_out
+        self.end += (n_in + 1) * width
 
-def _head(tensors: Arrays, widths: dict[str, int], n_in: int) -> list[NDArray[np.float32]]:
-    """The weights and biases of several heads as one padded layer."""
-    n_out = sum(widths.values())
-    weights = np.zeros((n_in, padded(n_out)), np.float32)
-    biases = np.zeros(padded(n_out), np.float32)
-    at = 0
-    for name, n in widths.items():
-        weights[:, at : at + n] = _tensor(tensors, f"{name}.weight", (n, n_in)).T
-        biases[at : at + n] = _tensor(tensors, f"{name}.bias", (n,))
-        at += n
-    return [weights, biases]
-
-
-def _cell(tensors: Arrays, n_in: int, width: int) -> list[NDArray[np.float32]]:
-    """An LSTM's weights, with its two biases, which are only ever added, as one."""
-    gates = GATES * width
-    bias = _tensor(tensors, "lstm.bias_ih_l0", (gates,)) + _tensor(tensors, "lstm.bias_hh_l0", (gates,))
-    return [
-        _tensor(tensors, "lstm.weight_ih_l0", (gates, n_in)).T,
-        _tensor(tensors, "lstm.weight_hh_l0", (gates, width)).T,
-        bias,
-    ]
+    def add_cell(self, n_in: int, width: int) -> None:
+        """An LSTM."""
+        gates = GATES * width
+        for name, rows in {"weight_ih_l0": n_in, "weight_hh_l0": width}.items():
+            self.found[f"lstm.{name}"] = Place.counted((gates, rows), self.end, (1, gates))
+            self.end += rows * gates
+        for name in ("bias_ih_l0", "bias_hh_l0"):
+            self.found[f"lstm.{name}"] = Place.counted((gates,), self.end, (1,))
+            self.end += gates

@@ -176,35 +176,36 @@ class Rollouts:
             raise ValueError("nothing to advance: begin an episode first")
         first_step, parts = self._step, self._world.parts()
         last_step = self._level.max_steps if steps is None else first_step + steps
-        pieces = [self._piece(acting, states, last_step)]
+        pieces = [self._piece(acting, parts, states, last_step)]
         while self._step < last_step and not parts.over[0]:
-            pieces.append(self._piece(acting, states, last_step))
+            pieces.append(self._piece(acting, parts, states, last_step))
+        over = bool(parts.over[0])
         return Course(
             level_hash=self._level.content_hash,
             max_steps=self._level.max_steps,
             first_step=first_step,
-            over=bool(parts.over[0]),
+            over=over,
             decisions=Decisions.joined([decisions for decisions, _ in pieces]),
-            rewards=np.concatenate([rewards for _, rewards in pieces]),
+            rewards=pieces[0][1] if len(pieces) == 1 else np.concatenate([rewards for _, rewards in pieces]),
             arrived_at=self._arrived_at.copy(),
-            final_observations=self._look_back(parts),
+            final_observations=self._look_back(parts, over=over),
             states=states.copy(),
-            score=self._score(parts),
+            score=self._score() if over else None,
         )
 
-    def _score(self, parts: Parts) -> float | None:
-        score = self._world.score(0) if parts.over[0] else np.nan
-        return None if np.isnan(score) else float(score)
+    def _score(self) -> float | None:
+        score = self._world.score(0)
+        return None if np.isnan(score) else score
 
     def _piece(
-        self, acting: Acting, states: NDArray[np.float32], last_step: int
+        self, acting: Acting, parts: Parts, states: NDArray[np.float32], last_step: int
     ) -> tuple[Decisions, NDArray[np.float32]]:
         """What happens until `last_step` or the end, as far as there is room to note it; `states` are carried on."""
         if not isinstance(acting.twin, Twin):
             raise TypeError(f"{type(acting.twin).__name__} is not compiled: play step by step")
         self._on_step()
         decisions, steps = run(
-            self._world.parts(),
+            parts,
             acting.twin.header,
             acting.twin.parameters,
             states,
@@ -221,13 +222,16 @@ class Rollouts:
         noted = Decisions(**{name: column[:decisions].copy() for name, column in self._notes._asdict().items()})
         return noted, self._rewards[:steps, : len(self._arrived_at)].copy()
 
-    def _look_back(self, parts: Parts) -> NDArray[np.float32]:
+    def _look_back(self, parts: Parts, *, over: bool) -> NDArray[np.float32]:
         final = np.zeros((len(self._arrived_at), self._world.n_features), np.float32)
-        asking = np.zeros_like(parts.deciding)
-        asking[0, : len(self._arrived_at)] = parts.over[0] & (self._arrived_at == NONE)
-        count = np.count_nonzero(asking)
+        if not over:
+            return final
+        stopped = self._arrived_at == NONE
+        count = np.count_nonzero(stopped)
         if count:
+            asking = np.zeros_like(parts.deciding)
+            asking[0, : len(stopped)] = stopped
             seen = np.empty((count, self._world.n_features), np.float32)
             look(parts.batch, parts.sight, parts.observation, asking, seen)
-            final[self._arrived_at == NONE] = seen
+            final[stopped] = seen
         return final

@@ -209,13 +209,14 @@ def lstm(
     n_in, width = header[1], header[HEADER_WIDTHS]
     into = sums[: GATES * width]
     biases = (n_in + width) * GATES * width
+    others = biases + GATES * width
     for k in range(GATES * width):
-        into[k] = parameters[np.uint64(biases + k)]
+        into[k] = parameters[np.uint64(biases + k)] + parameters[np.uint64(others + k)]
     add_rows(parameters, 0, places, values, count, into)
     count = nonzeros(state[:width], places, values)
     add_rows(parameters, n_in * GATES * width, places, values, count, into)
     gates(into, state)
-    return int(biases + GATES * width)
+    return int(others + GATES * width)
 
 
 @bare_kernel

@@ -12,6 +12,7 @@ from common.checkpoint import CheckpointError, Tensors
 from common.config import RunConfig, config_of_science
 from common.folder import RunFolder
 from common.machine import processor
+from common.policy.flat import Arrays
 from common.process import Fatal
 from common.records.rows import EpisodeRow
 from common.rows import DamagedRows, RowFile
@@ -96,7 +97,7 @@ class Archive:
         for old in sorted(self._folder.snapshots.glob("*.safetensors"))[:-kept]:
             old.unlink()
 
-    def save_checkpoint(self, weights: Tensors, episode: int, version: int) -> Path:
+    def save_checkpoint(self, weights: Arrays, episode: int, version: int) -> Path:
         """Write what acts and is evaluated."""
         path = _file(self._folder.checkpoints, episode)
         checkpoint.save(path, weights, self._metadata(episode, version), "checkpoint")

@@ -3,6 +3,10 @@
 The machine code is kept beside the sources, or in the user's cache where those cannot be written.
 """
 
+import numpy as np
+
+from common.board import look_over
+from common.policy.flat import Order
 from common.rules import settings_of
 from common.rules.settings import RuleSettings
 from common.task import carry_out
@@ -39,6 +43,7 @@ def main() -> None:
         for number in range(2):
             trainer.train(made_up_episode(number))
         trainer.restore(trainer.state())
+        look_over(Order.of(weights := trainer.weights()).pack(weights).view(np.int64))
 
 
 if __name__ == "__main__":

@@ -61,9 +61,9 @@ class ExperienceReplay:
 
     def sample(self, size: int) -> Drawn:
         """A batch, with replacement. Weights of importance are left out: no rule of a policy asks for them."""
-        rng = np.random.Generator(np.random.Philox(key=stream_key(self._seed, self._draws, "replay")))
+        key = stream_key(self._seed, self._draws, "replay")
         self._draws += 1
-        sample = self._replay.sample(size, rng, beta=0.0)
+        sample = self._replay.sample(size, key, beta=0.0)
         return Drawn(Experience(sample.rows["observation_tm1"], **sample.columns), sample.places)
 
     def reprioritise(self, places: NDArray[np.int64], priorities: NDArray[np.float64]) -> None:

@@ -8,10 +8,10 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from common.checkpoint import Tensors
 from common.config import RunConfig
 from common.levels.distributions import ANY
 from common.levels.supply import LevelSupply
+from common.policy.flat import Arrays
 from common.policy.leased import LeasePlayer
 from common.policy.player import chooser_of
 from common.records.acting import Circumstances, Fragment, Lease, LeaseAnswer, LeaseRequest
@@ -44,7 +44,7 @@ class InlineActor:
         """There will be no answer."""
         self.lease, self.asks = None, False
 
-    def act(self, lease: Lease, weights: Mapping[int, Tensors]) -> Fragment:
+    def act(self, lease: Lease, weights: Mapping[int, Arrays]) -> Fragment:
         """What comes of a lease with the weights of the version that it names."""
         self.lease = None
         begin = time.perf_counter()

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
 
-import numpy as np
 from numpy.typing import NDArray
 
+from common.policy.flat import Arrays
 from common.rail.world import N_ACTIONS
 from common.records.acting import Fragment
 from common.rules.settings import RuleSettings
@@ -54,7 +54,7 @@ class Trainer(Protocol):
     def train(self, fragment: Fragment) -> dict[str, float]:
         """Learn from an episode or its next fragment; returns its metrics, by name."""
 
-    def weights(self) -> dict[str, NDArray[np.float32]]:
+    def weights(self) -> Arrays:
         """A copy of the parameters that actors act with."""
 
     def state(self) -> dict[str, NDArray[Any]]:
@@ -89,6 +89,8 @@ def by_part(state: Mapping[str, NDArray[Any]], *parts: str) -> dict[str, dict[st
 
 def means(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
     """The mean of each metric over the updates that have it."""
+    if len(rows) == 1:  # as a fragment's updates mostly are
+        return dict(rows[0])
     names = dict.fromkeys(name for row in rows for name in row)
     told = {name: [row[name] for row in rows if name in row] for name in names}
     return {name: sum(values) / len(values) for name, values in told.items()}

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.checkpoint import Tensors
+from common.policy.flat import Arrays
 from common.records.acting import Fragment
 from common.wire.codec import decode, encode, encoding_of, unpack
 from services.learner.former import fragment_of_flat
@@ -23,8 +24,8 @@ class Memory:
         opened: the fragments, trained on already, of the open episode.
     """
 
-    older: dict[int, Tensors]
-    settled: Tensors
+    older: dict[int, Arrays]
+    settled: Arrays
     opened: list[Fragment]
 
     def tensors(self) -> Tensors:
@@ -54,7 +55,7 @@ def take_memory(snapshot: Tensors) -> Memory:
             settled[name.removeprefix(SETTLED)] = snapshot.pop(name)
         elif name.startswith(OPEN):
             opened.append(_fragment(snapshot.pop(name).tobytes(), opened))
-    return Memory(older, settled, opened)
+    return Memory(dict(older), settled, opened)
 
 
 def _fragment(body: bytes, before: list[Fragment]) -> Fragment:

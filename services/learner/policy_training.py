@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.policy.first_weights import first_actor_critic
+from common.policy.flat import Arrays
 from common.records.acting import Fragment
 from common.records.course import Course
 from common.rules.policies import PolicySettings, PpoConfig
@@ -59,7 +60,7 @@ class Policy(Protocol):
             Its numbers [6]: as `policy_losses` names them, the norm of all gradients, the loss. And the gains [B].
         """
 
-    def weights(self) -> dict[str, NDArray[np.float32]]:
+    def weights(self) -> Arrays:
         """A copy of the parameters that actors act with."""
 
     def state(self) -> dict[str, NDArray[np.float32]]:
@@ -115,7 +116,7 @@ class PolicyTrainer:
             **self._rule.metrics(),
         }
 
-    def weights(self) -> dict[str, NDArray[np.float32]]:
+    def weights(self) -> Arrays:
         """A copy of the parameters that actors act with."""
         return self._network.weights()
 

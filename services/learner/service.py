@@ -2,6 +2,7 @@
 
 import logging
 import time
+from typing import TYPE_CHECKING
 
 from common.board import Board
 from common.bus import Question
@@ -26,6 +27,9 @@ from services.learner.opened import OpenEpisode
 from services.learner.schedule import Schedule
 from services.learner.telemetry import Telemetry
 
+if TYPE_CHECKING:
+    from common.policy.flat import Arrays
+
 log = logging.getLogger(__name__)
 
 LeaseQuestion = Question[LeaseRequest, LeaseAnswer] | InlineActor
@@ -49,10 +53,10 @@ class Learner:
         except ValueError as error:
             raise Fatal(str(error)) from None
         self._settled = self._trainer.weights()  # after the last whole episode
-        self._weights: dict[int, Tensors] = {}
+        self._weights: dict[int, Arrays] = {}
         snapshot = self._archive.resume()
         fragments = [] if snapshot is None else self._restore(snapshot)
-        self._board = Board(context.folder.board_file, self._settled, self._kept_versions)
+        self._board = Board(context.folder.board_file, self._trainer.weights(), self._kept_versions)
         self._account = Account(self._archive.rows, time.monotonic())
         self._desk: Desk[LeaseQuestion] = Desk(
             Schedule.of(self._config),
@@ -161,7 +165,7 @@ class Learner:
     def _on_pull_weights(self, question: Question[WeightsRequest, Weights]) -> None:
         version = question.request.version
         if version in self._weights:
-            question.answer(Weights(version=version, tensors=self._weights[version]))
+            question.answer(Weights(version=version, tensors=dict(self._weights[version])))
         else:
             question.refuse(f"weights {version} are not kept: there are {sorted(self._weights)}")
 

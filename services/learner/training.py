@@ -5,12 +5,14 @@ in the order in which they were completed, and updates fall between them, one ev
 steps, as if the learner had stepped the world itself.
 """
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from common.policy.flat import Arrays
 from common.records.acting import Fragment
 from common.rules.replay import UniformReplay
 from common.rules.values import ValueSettings
@@ -50,7 +52,7 @@ class ValueMethod(Protocol):
     def update(self, batch: Batch) -> Update:
         """Learn from a batch."""
 
-    def weights(self) -> dict[str, NDArray[np.float32]]:
+    def weights(self) -> Arrays:
         """A copy of the parameters to act with."""
 
     def state(self) -> dict[str, NDArray[np.float32]]:
@@ -94,15 +96,16 @@ class ValueTrainer:
                 f"episode {fragment.lease.episode} has {n_features} features, the network {self._learning.n_features}"
             )
         new = self._maker.take(fragment)
+        completed_at: list[int] = new.completed_at.tolist()
         metrics: list[dict[str, float]] = []
         added, steps = 0, len(course.rewards)
         for step in self._learning_steps(steps):
-            known = int(np.searchsorted(new.completed_at, course.first_step + step, side="right"))
-            self._replay.add(new[added:known])
+            known = bisect_right(completed_at, course.first_step + step)
+            self._replay.append(new.items.part(added, known))
             added = known
             if len(self._replay) >= self._config.batch_size:
                 metrics.append(self._update())
-        self._replay.add(new[added:])
+        self._replay.append(new.items.part(added, len(new)))
         self._counters["steps"] += steps
         self._counters["episodes"] += course.over
         return {
@@ -112,7 +115,7 @@ class ValueTrainer:
             **means(metrics),
         }
 
-    def weights(self) -> dict[str, NDArray[np.float32]]:
+    def weights(self) -> Arrays:
         """A copy of the network's parameters."""
         return self._method.weights()
 
@@ -150,14 +153,13 @@ class ValueTrainer:
         return iter(range(every - self._counters["steps"] % every, steps + 1, every))
 
     def _update(self) -> dict[str, float]:
-        number = self._counters["updates"]
-        rng = np.random.Generator(np.random.Philox(key=stream_key(self._learning.seed, number, "replay")))
-        sample = self._replay.sample(self._config.batch_size, rng, self._beta)
+        key = stream_key(self._learning.seed, self._counters["updates"], "replay")
+        sample = self._replay.sample(self._config.batch_size, key, self._beta)
         columns = sample.columns
         before, after = self._look(self._replay, sample)
         batch = Batch(before, columns["action_tm1"], columns["reward_t"], columns["discount_t"], after, sample.weights)
         update = self._method.update(batch)
-        self._replay.reprioritise(sample.places, update.error_sizes.astype(np.float64))
+        self._replay.reprioritise(sample.places, update.error_sizes)
         self._counters["updates"] += 1
         return update.metrics
 

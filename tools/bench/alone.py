@@ -8,9 +8,9 @@ import time
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from common.checkpoint import Tensors
 from common.config import RunConfig
 from common.levels.supply import LevelSupply
+from common.policy.flat import Arrays
 from services.learner.desk import Desk
 from services.learner.inline_actor import NAME, REQUEST, InlineActor
 from services.learner.learning import build_trainer, learning_of
@@ -47,7 +47,7 @@ class Alone:
         """How many fragments have been trained."""
         return self._desk.ledger.version
 
-    def weights(self) -> Tensors:
+    def weights(self) -> Arrays:
         """Those after the last fragment."""
         return self._weights[self.version]
 

@@ -10,10 +10,10 @@ import sys
 import time
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 from common.config import RunConfig, parse_config
 from common.levels.supply import LevelSupply
+from common.policy.flat import Arrays
 from common.policy.player import Acting, Players, chooser_of, play
 from common.task import Teller, carry_out, say
 from tools.bench.alone import Alone
@@ -47,7 +47,7 @@ def rates(config: RunConfig, bank: Path) -> dict[str, float]:
     }
 
 
-def level_seconds(config: RunConfig, supply: LevelSupply, weights: dict[str, Any]) -> float:
+def level_seconds(config: RunConfig, supply: LevelSupply, weights: Arrays) -> float:
     """What scoring a network on a level takes, as the first of a run's mix."""
     network = chooser_of(config)
     network.load(weights)

@@ -11,6 +11,7 @@ Before anything is timed, all must give back what was put in, with the importanc
 gives.
 """
 
+import itertools
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -63,13 +64,13 @@ class Ours:
         by_priority = PrioritizedReplay(capacity=capacity, alpha=ALPHA, beta=BETA)
         config = by_priority if prioritized else UniformReplay(capacity=capacity)
         self.replay = Replay(config, COLUMNS, ROWS, N_FEATURES)
-        self._rng = np.random.default_rng(0)
+        self._keys = itertools.count()
 
     def add(self, items: Items) -> None:
         self.replay.add(items)
 
     def sample(self) -> Drawn:
-        columns, rows, weights, places = self.replay.sample(BATCH, self._rng, BETA)
+        columns, rows, weights, places = self.replay.sample(BATCH, next(self._keys), BETA)
         return places, {**columns, **rows}, weights
 
     def update(self, places: NDArray[Any], priorities: NDArray[np.float64]) -> None:

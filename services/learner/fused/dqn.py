@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.policy.first_weights import FirstNetwork
+from common.policy.packing import Layout
 from common.rules.values import DqnConfig
 from services.learner.fused.action_values import update
 from services.learner.fused.packed import Packed, Training
@@ -21,7 +22,8 @@ class FusedDqn(Training):
         self._n_actions, self._dueling = network.n_actions, network.config.kind == "dueling"
         heads = {"value": 1, "advantage": network.n_actions} if self._dueling else {"q": network.n_actions}
         stack = Packed(network.n_features, {"hidden": network.config.hidden}, heads)
-        super().__init__(network.weights, [stack], has_target=config.target_tau is not None)
+        layout = Layout(network.config.kind, network.n_features, network.n_actions, network.config.hidden)
+        super().__init__(network.weights, [stack], layout, has_target=config.target_tau is not None)
         self._widths = stack.widths
 
     def update(self, batch: Batch) -> Update:

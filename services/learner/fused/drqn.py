@@ -3,6 +3,7 @@
 import numpy as np
 
 from common.policy.first_weights import FirstNetwork
+from common.policy.packing import Layout
 from common.rules.values import DqnConfig
 from services.learner.fused.dqn import METRICS, updated
 from services.learner.fused.packed import PackedRecurrent, Training
@@ -19,7 +20,8 @@ class FusedDrqn(Training):
         self._n_actions, self._units = network.n_actions, network.config.hidden[0]
         heads = {"value": 1, "advantage": network.n_actions}
         self._stack = PackedRecurrent(network.n_features, {"hidden": network.config.hidden}, heads)
-        super().__init__(network.weights, [self._stack], has_target=config.target_tau is not None)
+        layout = Layout("recurrent", network.n_features, network.n_actions, network.config.hidden)
+        super().__init__(network.weights, [self._stack], layout, has_target=config.target_tau is not None)
 
     def update(self, batch: Batch) -> Update:
         """One step of Adam on the weighted mean squared error, then one of the target network; as `textbook.dqn.Dqn`.

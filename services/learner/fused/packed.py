@@ -7,12 +7,15 @@ stand in place of the first layer, see `recurrent`.
 
 import itertools
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from common.kernel import bare_kernel
+from common.policy.flat import Flat, Order
 from common.policy.named import copies, overwrite
-from common.policy.packing import GATES
+from common.policy.packing import GATES, Layout
 from services.learner.fused.tile import WIDTH
 
 VALUES, GRADIENT, MEAN, SQUARE, TARGET = range(5)  # rows of `Training.arrays`
@@ -116,16 +119,22 @@ class Training:
     """
 
     def __init__(
-        self, weights: Mapping[str, NDArray[np.float32]], stacks: Sequence[Packed], *, has_target: bool = False
+        self,
+        weights: Mapping[str, NDArray[np.float32]],
+        stacks: Sequence[Packed],
+        layout: Layout,
+        *,
+        has_target: bool = False,
     ) -> None:
-        """The parameters start as a copy of `weights`; so does the target."""
+        """The parameters start as a copy of `weights`; so does the target. `layout` is that of the twin."""
         self._stacks = stacks
         self.arrays = np.zeros((4 + has_target, sum(stack.length for stack in stacks)), np.float32)
         self.seen = np.zeros(int(stacks[0].widths[0]), np.bool_)
         self._steps = np.zeros((), np.float32)
         for row in (VALUES, TARGET)[: 1 + has_target]:
-            overwrite(self._named(row), weights)
-        self._parameters = self._named(VALUES)
+            overwrite(self._named(self.arrays[row]), weights)
+        self._order = layout.order
+        self._pieces = pieces(self._named(np.arange(self.arrays.shape[1], dtype=np.int32)), self._order)
 
     @property
     def steps(self) -> int:
@@ -136,9 +145,11 @@ class Training:
     def steps(self, steps: int) -> None:
         self._steps[()] = steps
 
-    def weights(self) -> dict[str, NDArray[np.float32]]:
-        """A copy of the parameters, by their names in the module of torch."""
-        return copies(self._parameters)
+    def weights(self) -> Flat:
+        """A copy of the parameters, by their names in the module of torch, in the order of the twin."""
+        flat = np.empty(self._order.size, np.float32)
+        carry(self.arrays[VALUES], self._pieces, flat)
+        return Flat(self._order, flat)
 
     def state(self) -> dict[str, NDArray[np.float32]]:
         """A copy of all that training changes: `network/*`, `target/*`, `steps`, `exp_avg/*` and `exp_avg_sq/*`."""
@@ -162,11 +173,12 @@ class Training:
                 self.seen |= (by_input[TARGET] != by_input[VALUES]).any(1)
             start += stack.length
 
-    def _named(self, row: int) -> dict[str, NDArray[np.float32]]:
-        found: dict[str, NDArray[np.float32]] = {}
+    def _named(self, flat: NDArray[Any]) -> dict[str, NDArray[Any]]:
+        """Views of an array [P]."""
+        found: dict[str, NDArray[Any]] = {}
         start = 0
         for stack in self._stacks:
-            found |= stack.named(self.arrays[row, start : start + stack.length])
+            found |= stack.named(flat[start : start + stack.length])
             start += stack.length
         return found
 
@@ -176,5 +188,36 @@ class Training:
         return self._by_part(networks) | steps | self._by_part({"exp_avg": MEAN, "exp_avg_sq": SQUARE})
 
     def _by_part(self, rows: Mapping[str, int]) -> dict[str, NDArray[np.float32]]:
-        parts = {part: self._named(row) for part, row in rows.items()}
+        parts = {part: self._named(self.arrays[row]) for part, row in rows.items()}
         return {f"{part}/{name}": array for part, arrays in parts.items() for name, array in arrays.items()}
+
+
+def pieces(places: Mapping[str, NDArray[np.int32]], order: Order) -> NDArray[np.int64]:
+    """How to bring parameters into an `order`, from the `places` where they lie in another array.
+
+    Returns:
+        [pieces, 2], one behind the other: where a piece comes from, -1 for zeros, and its length.
+    """
+    sources = np.full(order.size, -1, np.int32)
+    for name, view in order.views(sources).items():
+        view[...] = places[name]
+    follows = np.where(sources[:-1] < 0, sources[1:] < 0, sources[1:] == sources[:-1] + 1)
+    begins = np.concatenate(([0], 1 + np.flatnonzero(~follows)))
+    return np.stack((sources[begins].astype(np.int64), np.diff(begins, append=order.size)), 1)
+
+
+@bare_kernel
+def carry(values: NDArray[np.float32], pieces: NDArray[np.int64], out: NDArray[np.float32]) -> None:
+    """Fill `out` with pieces of `values`."""
+    at = 0
+    for piece in range(len(pieces)):
+        source, length = pieces[piece, 0], pieces[piece, 1]
+        part = out[at : at + length]
+        if source < 0:
+            for k in range(length):
+                part[k] = 0
+        else:
+            taken = values[source : source + length]
+            for k in range(length):
+                part[k] = taken[k]
+        at += length

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.policy.first_weights import FirstNetwork
+from common.policy.packing import Layout
 from common.rules.policies import PpoConfig
 from services.learner.experience import Experience
 from services.learner.fused.actor_critic import evaluate, imitate, ppo
@@ -25,7 +26,7 @@ class FusedPolicy(Training):
         heads = {"actor": network.n_actions, "critic": 1}
         hidden = network.config.hidden
         stacks = [Packed(self.n_features, {f"{part}_hidden": hidden}, {part: width}) for part, width in heads.items()]
-        super().__init__(network.weights, stacks)
+        super().__init__(network.weights, stacks, Layout("actor-critic", self.n_features, self._n_actions, hidden))
         self._widths = np.stack([stack.widths for stack in stacks])
         self._learning_rate, self._limit = learning_rate, max_gradient_norm
 

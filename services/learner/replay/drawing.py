@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import bare_kernel
+from services.learner.replay.philox import draw_below, draw_uniform
 from services.learner.replay.prefetch import prefetch
 from services.learner.replay.priorities import find, weigh
 from services.learner.replay.rows import Words, unfold
@@ -14,6 +15,27 @@ from services.learner.replay.rows import Words, unfold
 
 @bare_kernel
 def draw(
+    key: np.uint64,
+    count: int,
+    places: NDArray[np.int64],
+    numbers: Words,
+    integers: NDArray[np.int64],
+    floats: Words,
+    starts: NDArray[np.int64],
+    words: Words,
+    positions: NDArray[Any],
+    row_starts: NDArray[np.int64],
+    row_columns: NDArray[np.int64],
+    row_values: Words,
+) -> None:
+    """Draw `places` [B] below `count` with a key's stream; then as `gather`."""
+    draw_below(key, count, places)
+    gather(places, numbers, integers, floats, starts, words, positions, row_starts, row_columns, row_values)
+
+
+@bare_kernel
+def draw_by_priority(
+    key: np.uint64,
     tree: NDArray[np.float64],
     draws: NDArray[np.float64],
     beta: float,
@@ -29,7 +51,8 @@ def draw(
     row_columns: NDArray[np.int64],
     row_values: Words,
 ) -> None:
-    """Find `places` [B] and `weights` [B] by priority, from `draws` [B], which is overwritten; then as `gather`."""
+    """Find `places` [B] and `weights` [B] by priority, `draws` [B] being overwritten; then as `gather`."""
+    draw_uniform(key, draws)
     find(tree, draws, places)
     n_numbers = len(integers) + len(floats)
     for place in places:
@@ -73,3 +96,13 @@ def gather(
         for column in range(n_floats):
             floats[column, item] = numbers[first + n_integers + column]
     unfold(places, starts, words, positions, row_starts, row_columns, row_values)
+
+
+@bare_kernel
+def lay_down(new: Words, first: int, capacity: int, numbers: Words) -> None:
+    """Write the numbers of `new` items [M, I + J], the first of which is number `first`, to their places."""
+    width = new.shape[1]
+    for item in range(len(new)):
+        at = (first + item) % capacity * width
+        for column in range(width):
+            numbers[at + column] = new[item, column]

@@ -46,7 +46,7 @@ class Priorities:
         """What an item of the largest priority so far adds to the total."""
         return float(power(self._maximum + ADDED_TO_PRIORITY, self._alpha))
 
-    def put(self, places: NDArray[np.int64], priorities: NDArray[np.float64] | None) -> None:
+    def put(self, places: NDArray[np.int64], priorities: NDArray[np.floating[Any]] | None) -> None:
         """Give the items at `places` [B] these priorities; None: the largest so far, 1 at the start.
 
         The last one counts if a place occurs more than once.

@@ -13,7 +13,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from common.kernel import bare_kernel
 from common.rules.replay import PrioritizedReplay, ReplayConfig
-from services.learner.replay.drawing import draw, gather
+from services.learner.replay.drawing import draw, draw_by_priority, lay_down
 from services.learner.replay.priorities import Priorities
 from services.learner.replay.rows import RowRing, RowsOut
 from services.learner.sparse import SparseRows
@@ -22,6 +22,22 @@ BACK = "back"  # the column that `histories` follows
 ROWS = "rows"  # of a state
 PRIORITIES = ("priorities", "priority_maximum")
 NUMBERS = (np.int8, np.int16, np.int32, np.float32)  # what a column may be
+
+
+class Items(NamedTuple):
+    """M items as a replay takes them in.
+
+    Attributes:
+        numbers: [M, I + J], those of its columns that are integers as int32, then the floats, 32 bits each.
+        rows: [M, R, F], the bits of float32.
+    """
+
+    numbers: NDArray[np.uint32]
+    rows: NDArray[np.uint32]
+
+    def part(self, begin: int, end: int) -> "Items":
+        """Those from `begin` to `end`."""
+        return Items(self.numbers[begin:end], self.rows[begin:end])
 
 
 class Sample(NamedTuple):
@@ -58,11 +74,8 @@ class Replay:
         self._integers = tuple(name for name, dtype in self._dtypes.items() if dtype.kind == "i")
         self._floats = tuple(name for name, dtype in self._dtypes.items() if dtype.kind == "f")
         # An item's numbers lie side by side. Not zeros: the kernel gives pages to this memory only as the ring fills.
-        self._numbers = np.empty((config.capacity, len(columns)), np.uint32)
-        self._columns: dict[str, NDArray[Any]] = {
-            name: self._numbers.view(np.int32 if name in self._integers else np.float32)[:, column]
-            for column, name in enumerate((*self._integers, *self._floats))
-        }
+        numbers = np.empty((config.capacity, len(columns)), np.uint32)
+        self._numbers, self._columns = numbers.reshape(-1), self._views(numbers)
         self._row_names = tuple(rows)
         self._rows = RowRing(config.capacity, len(rows), n_features)
         self._priorities = Priorities(config.capacity, config.alpha) if isinstance(config, PrioritizedReplay) else None
@@ -79,7 +92,7 @@ class Replay:
         return self._numbers.nbytes + self._rows.nbytes + (self._priorities.nbytes if self._priorities else 0)
 
     def add(self, items: Mapping[str, NDArray[Any]], priorities: NDArray[np.float64] | None = None) -> None:
-        """Append M items, oldest first; without `priorities` they get the largest that there has been, 1 at first.
+        """Append M items that are told by name; see `append`.
 
         Raises:
             ValueError: the arrays do not fit.
@@ -89,19 +102,40 @@ class Replay:
         count = len(next(iter(items.values())))
         if any(len(array) != count for array in items.values()):
             raise ValueError(f"items differ in number: { ({name: len(items[name]) for name in items}) }")
-        kept = slice(max(0, count - self._capacity), count)  # those before would be overwritten at once
-        first = self._added + kept.start
-        places = np.arange(first, self._added + count) % self._capacity
-        if self._priorities:
-            self._priorities.put(places, None if priorities is None else priorities[kept])
-        since = first if kept.start else 0
-        self._rows.add(tuple(_bits(items[name][kept]) for name in self._row_names), first, since)
-        for name, column in self._columns.items():
-            column[places] = items[name][kept]
-        self._added += count
+        if any(items[name].shape[1:] != (self._n_features,) for name in self._row_names):
+            shapes = [items[name].shape for name in self._row_names]
+            raise ValueError(f"rows have {self._n_features} values here, not {shapes}")
+        numbers = np.empty((count, len(self._columns)), np.uint32)
+        for name, column in self._views(numbers).items():
+            column[:] = items[name]
+        rows = np.empty((count, len(self._row_names), self._n_features), np.float32)
+        for number, name in enumerate(self._row_names):
+            rows[:, number] = items[name]
+        self.append(Items(numbers, rows.view(np.uint32)), priorities)
 
-    def sample(self, size: int, rng: np.random.Generator, beta: float = 1.0) -> Sample:
-        """`size` items, with replacement; `beta` is the exponent of the importance weights.
+    def append(self, items: Items, priorities: NDArray[np.float64] | None = None) -> None:
+        """Append M items, oldest first; without `priorities` they get the largest that there has been, 1 at first."""
+        count, since = len(items.numbers), 0
+        first, end = self._added, self._added + count
+        if count > self._capacity:  # those before would be overwritten at once
+            items = items.part(count - self._capacity, count)
+            priorities = None if priorities is None else priorities[-self._capacity :]
+            first = since = end - self._capacity
+        if count == 0:
+            return
+        if self._priorities:
+            self._priorities.put(np.arange(first, end) % self._capacity, priorities)
+        self._rows.add(items.rows, first, since)
+        lay_down(items.numbers, first, self._capacity, self._numbers)
+        self._added = end
+
+    def sample(self, size: int, key: int, beta: float = 1.0) -> Sample:
+        """`size` items, with replacement.
+
+        Args:
+            size: B.
+            key: of the stream of draws, those of numpy's `Generator(Philox(key=key))`; 64 bits.
+            beta: the exponent of the importance weights.
 
         Raises:
             ValueError: the ring is empty.
@@ -110,16 +144,15 @@ class Replay:
             raise ValueError("cannot sample from an empty replay: add something first")
         if len(self._sample.places) != size:
             self._make_sample(size)
-        items = *self._items, *self._rows.arrays, *self._rows_out
+        sample, stream = self._sample, np.uint64(key)
+        items = sample.places, self._numbers, *self._numbers_out, *self._rows.arrays, *self._rows_out
         if self._priorities:
-            places = np.empty(size, np.int64)
-            draw(self._priorities.tree, rng.random(size), beta, self._weights_out, places, *items)
+            draw_by_priority(stream, self._priorities.tree, self._draws, beta, sample.weights, *items)
         else:
-            places = rng.integers(len(self), size=size)
-            gather(places, *items)
-        return self._sample._replace(places=places)
+            draw(stream, len(self), *items)
+        return sample
 
-    def reprioritise(self, places: NDArray[np.int64], priorities: NDArray[np.float64]) -> None:
+    def reprioritise(self, places: NDArray[np.int64], priorities: NDArray[np.floating[Any]]) -> None:
         """Give the items at `places` [B] new priorities, at least 0; the last counts if there are several for one.
 
         Raises:
@@ -181,6 +214,13 @@ class Replay:
         if self._priorities:
             self._priorities.restore(state["priorities"], float(state["priority_maximum"]))
 
+    def _views(self, numbers: NDArray[np.uint32]) -> dict[str, NDArray[Any]]:
+        """The columns of items' numbers, see `Items`."""
+        return {
+            name: numbers.view(np.int32 if name in self._integers else np.float32)[:, column]
+            for column, name in enumerate((*self._integers, *self._floats))
+        }
+
     @property
     def _oldest(self) -> int:
         """Where the oldest item lies, or will."""
@@ -218,18 +258,13 @@ class Replay:
         self._rows_out = self._rows.room_for(size, len(self._row_names))
         rows = {name: self._row(self._rows_out, number, size) for number, name in enumerate(self._row_names)}
         self._sample = Sample(columns, rows, weights, np.zeros(size, np.int64))
-        self._items = self._numbers.reshape(-1), integers, floats.view(np.uint32)
-        self._weights_out = weights
+        self._numbers_out = integers, floats.view(np.uint32)
+        self._draws = np.empty(size)
 
     def _row(self, memory: RowsOut, number: int, *shape: int) -> SparseRows:
         """The rows [*shape, F] that a row's memory holds."""
         starts, columns, values = (array[number] for array in memory)
         return SparseRows((*shape, self._n_features), starts, columns, values.view(np.float32))
-
-
-def _bits(rows: NDArray[np.float32]) -> NDArray[np.uint32]:
-    """The bits of rows, in memory that compiled code can take."""
-    return np.require(rows, np.float32, ("C", "A", "W")).view(np.uint32)
 
 
 @bare_kernel

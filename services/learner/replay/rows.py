@@ -20,13 +20,18 @@ LINES = 4  # that two rows of an observation lie in
 AHEAD = 8  # items between the one that is asked for and the one that is written
 
 Words = NDArray[np.uint32]
-Rows = tuple[Words, ...]  # [B, F] each: the bits of float32
+Rows = NDArray[np.uint32]  # [B, R, F]: the bits of float32
 Arrays = tuple[NDArray[np.int64], Words, NDArray[Any]]
 RowsOut = tuple[NDArray[np.int64], NDArray[np.int64], Words]  # where rows start, columns and values: see `unfold`
 
 
 class RowRing:
-    """At most `capacity` items of `n_rows` rows [F]. Items are numbered as they come; i lies at place i % capacity."""
+    """At most `capacity` items of `n_rows` rows [F]. Items are numbered as they come; i lies at place i % capacity.
+
+    Attributes:
+        arrays: what compiled code needs to `unfold` rows: where items start, and the arena, as words and as positions;
+            the same until the next item is added.
+    """
 
     def __init__(self, capacity: int, n_rows: int, n_features: int) -> None:
         self._capacity = capacity
@@ -36,7 +41,7 @@ class RowRing:
         self._largest = n_rows * int(room(n_features, self._position.itemsize))  # words of an item without a zero
         self._starts = np.empty(capacity, np.int64)  # where in the arena an item starts
         self._ends = np.empty(capacity, np.int64)  # and what follows it
-        self._words = np.empty(0, np.uint32)
+        self._set_arena(np.empty(0, np.uint32))
 
     @property
     def nbytes(self) -> int:
@@ -45,22 +50,12 @@ class RowRing:
 
     def add(self, rows: Rows, first: int, since: int = 0) -> None:
         """Add M items, at most the capacity, numbered from `first` on; of those before, all below `since` are gone."""
-        if any(row.shape != (len(rows[0]), self._n_features) for row in rows):
-            raise ValueError(f"rows have {self._n_features} values here, not {[row.shape for row in rows]}")
-        done = 0
-        while True:
-            done += put(rows, done, first + done, since, self._starts, self._ends, *self._arena)
-            if done == len(rows[0]):
-                return
+        if rows.shape[1:] != (self._n_rows, self._n_features):
+            raise ValueError(f"{self._n_rows} rows have {self._n_features} values each here, not {rows.shape[1:]}")
+        done = put(rows, 0, first, since, self._ends, *self.arrays)
+        while done < len(rows):
             self._grow(first + done, since)
-
-    @property
-    def arrays(self) -> Arrays:
-        """What compiled code needs to `unfold` rows: where items start, and the arena, as words and as positions.
-
-        Valid until the next item is added.
-        """
-        return self._starts, *self._arena
+            done += put(rows, done, first + done, since, self._ends, *self.arrays)
 
     def gather(self, places: NDArray[np.int64], out: RowsOut) -> None:
         """Write the first rows of the items at `places` [B] into `out`, see `unfold`; place -1 gives zeros."""
@@ -97,13 +92,13 @@ class RowRing:
         size = len(ends)
         self._starts[:size] = np.concatenate(([0], ends))[:size]
         self._ends[:size] = ends
-        self._words = np.empty_like(words)
+        self._set_arena(np.empty_like(words))
         relay((oldest + np.arange(size)) % max(size, 1), self._starts, self._ends, words, self._words)
 
-    @property
-    def _arena(self) -> tuple[Words, NDArray[Any]]:
-        """The same memory twice: as words, and as positions."""
-        return self._words, self._words.view(self._position)
+    def _set_arena(self, words: Words) -> None:
+        """Keep rows in this memory from now on."""
+        self._words = words
+        self.arrays: Arrays = self._starts, words, words.view(self._position)
 
     def _grow(self, number: int, since: int) -> None:
         """Make the arena larger before item `number` comes, so that it fits."""
@@ -112,7 +107,7 @@ class RowRing:
         # Not zeros: the kernel gives pages to this memory only as it fills.
         words = np.empty(live + live // 4 + self._largest + 1, np.uint32)
         relay(order, self._starts, self._ends, self._words, words)
-        self._words = words
+        self._set_arena(words)
 
 
 @bare_kernel
@@ -127,8 +122,8 @@ def put(
     begin: int,
     first: int,
     since: int,
-    starts: NDArray[np.int64],
     ends: NDArray[np.int64],
+    starts: NDArray[np.int64],
     words: Words,
     positions: NDArray[Any],
 ) -> int:
@@ -139,25 +134,26 @@ def put(
     head, so that the two meet only where nothing is kept.
     """
     capacity, size, width = len(ends), len(words), positions.itemsize
-    for item in range(begin, len(rows[0])):
+    n_rows = rows.shape[1]
+    for item in range(begin, len(rows)):
         number = first + item - begin
         oldest = max(since, number - capacity + 1)  # who lies where this item goes has gone
         head = tail = 0
         if oldest < number:
             head, tail = starts[oldest % capacity], ends[(number - 1) % capacity]
         needed = 0
-        for row in rows:
-            needed += room(count(row[item]), width)
+        for row in range(n_rows):
+            needed += room(count(rows[item, row]), width)
         around = tail >= head and tail + needed > size
         start = 0 if around else tail
         limit = head if around or tail < head else size + 1
         if start + needed >= limit:
             return item - begin
         starts[number % capacity] = start
-        for row in rows:
-            start = squeeze(row[item], start, words, positions)
+        for row in range(n_rows):
+            start = squeeze(rows[item, row], start, words, positions)
         ends[number % capacity] = start
-    return len(rows[0]) - begin
+    return len(rows) - begin
 
 
 @bare_kernel

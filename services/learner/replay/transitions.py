@@ -22,42 +22,24 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from common.kernel import bare_kernel, kernel
+from common.kernel import bare_kernel
 from common.records.acting import Fragment
 from common.records.course import Course, Decisions
+from services.learner.replay.replay import Items
 
-DECIDED = {"observation_tm1": "observations", "action_tm1": "actions"}  # what is learned of each decision
 ROWS = ("observation_tm1", "observation_t")
 COLUMNS: Mapping[str, DTypeLike] = {
-    **{name: Decisions.arrays()[column].dtype for name, column in DECIDED.items() if name not in ROWS},
+    "action_tm1": Decisions.arrays()["actions"].dtype,
+    "back": np.int32,
     "reward_t": np.float32,
     "discount_t": np.float32,
-    "back": np.int32,
 }
+ACTION, BACK, REWARD, DISCOUNT = range(4)  # where these lie among an item's numbers: integers come first
+DECIDED, LAST = range(2)  # of what is pending, see `find_transitions`
+REWARDED, DISCOUNTED = range(2)
 Number = TypeVar("Number", bound=np.generic)
 
-NONE = -1  # no decision pending, no transition before, nothing that follows
-
-_ENDS = np.dtype(
-    [
-        ("seen", np.int64),
-        ("reward", np.float64),
-        ("discount", np.float64),
-        ("follows", np.int64),
-        ("completed_at", np.int64),
-        ("back", np.int32),
-    ],
-    align=True,
-)
-_PENDING = np.dtype(
-    [
-        ("seen", np.int64),  # which row holds the decision
-        ("reward", np.float64),  # discounted sum so far
-        ("discount", np.float64),  # gamma to the power of the steps so far
-        ("last", np.int64),  # the number of the train's last transition
-    ],
-    align=True,
-)
+NONE = -1  # no decision pending, no transition before
 
 
 @dataclass(frozen=True)
@@ -65,24 +47,37 @@ class Transitions:
     """M transitions in the order of (completed_at, train, decision).
 
     Attributes:
-        columns: what a replay keeps:
-            observation_tm1 [M, F], at the decision;
-            action_tm1 [M], the decision;
-            reward_t [M], sum over the span of gamma^k times the k-th reward after the decision;
-            discount_t [M], gamma^span, or 0 where the train arrived;
-            observation_t [M, F], at the next decision, or the last before truncation; zeros where the train arrived;
-            back [M], how many transitions earlier the train's previous one of this episode is; 0 for its first.
+        items: what a replay keeps, see `columns`.
         completed_at: [M], environment steps of the episode that are over when the transition is known, 1..T.
     """
 
-    columns: dict[str, NDArray[Any]]
+    items: Items
     completed_at: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.completed_at)
 
-    def __getitem__(self, part: slice) -> dict[str, NDArray[Any]]:
-        return {name: column[part] for name, column in self.columns.items()}
+    @property
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """What a replay keeps, by name.
+
+        observation_tm1 [M, F], at the decision;
+        action_tm1 [M], the decision;
+        reward_t [M], sum over the span of gamma^k times the k-th reward after the decision;
+        discount_t [M], gamma^span, or 0 where the train arrived;
+        observation_t [M, F], at the next decision, or the last before truncation; zeros where the train arrived;
+        back [M], how many transitions earlier the train's previous one of this episode is; 0 for its first.
+        """
+        integers, floats = self.items.numbers.view(np.int32), self.items.numbers.view(np.float32)
+        rows = self.items.rows.view(np.float32)
+        return {
+            "observation_tm1": rows[:, 0],
+            "action_tm1": integers[:, ACTION].astype(COLUMNS["action_tm1"]),
+            "reward_t": floats[:, REWARD],
+            "discount_t": floats[:, DISCOUNT],
+            "observation_t": rows[:, 1],
+            "back": integers[:, BACK],
+        }
 
 
 class TransitionMaker:
@@ -96,8 +91,6 @@ class TransitionMaker:
     def forget(self) -> None:
         """Leave the episode that is open, if there is one."""
         self._open: tuple[int, int, int] | None = None  # the next fragment: episode, number, first step
-        self._pending = np.zeros(0, _PENDING)
-        self._kept: dict[str, NDArray[Any]] = {}  # by column of DECIDED: [N, ...], of the trains' pending decisions
         self._made = 0  # transitions of this episode so far
 
     @property
@@ -116,32 +109,40 @@ class TransitionMaker:
                 arrival; then nothing has changed.
         """
         course, decisions = fragment.course, fragment.course.decisions
-        self._check_follows(fragment)
+        episode, number = self._check_follows(fragment)
         check_order(fragment)
-        if not self.is_open:
+        if self._open is None:
             self._begin(course)
-        ends = np.empty(len(decisions) + len(self._pending), _ENDS)
+        n_trains, n_features = course.final_observations.shape
+        most = len(decisions) + n_trains
+        numbers, completed_at = np.empty((most, len(COLUMNS)), np.uint32), np.empty(most, np.int64)
+        rows = np.empty((most, len(ROWS), n_features), np.uint32)
         count = find_transitions(
             plain(decisions.times),
             plain(decisions.trains),
+            plain(decisions.actions),
+            bits(decisions.observations),
             plain(course.rewards),
             plain(course.arrived_at),
+            bits(course.final_observations),
             course.first_step,
             course.over,
             self._discount,
-            self._pending,
             self._made,
-            ends,
+            *self._pending,
+            numbers,
+            rows,
+            completed_at,
         )
         self._made += count
-        made = self._gather(course, ends[:count])
         if course.over:
             self.forget()
         else:
-            self._keep(fragment)
-        return made
+            self._open = (episode, number + 1, course.last_step)
+        return Transitions(Items(numbers[:count], rows[:count]), completed_at[:count])
 
-    def _check_follows(self, fragment: Fragment) -> None:
+    def _check_follows(self, fragment: Fragment) -> tuple[int, int]:
+        """Returns episode and number of the fragment."""
         episode, number = fragment.lease.unit
         got = (episode, number, fragment.course.first_step)
         want = (episode, 0, 0) if self._open is None else self._open
@@ -150,107 +151,129 @@ class TransitionMaker:
                 f"fragment {number} of episode {episode} begins after step {got[2]}: "
                 f"fragment {want[1]} of episode {want[0]} comes next, after step {want[2]}"
             )
-        if self.is_open and self._kept["observations"].shape != fragment.course.final_observations.shape:
+        if self._open is not None and self._pending[2].shape != fragment.course.final_observations.shape:
             raise ValueError(f"fragment {number} of episode {episode}: other trains or features than before")
+        return episode, number
 
     def _begin(self, course: Course) -> None:
-        n_trains = course.n_trains
-        self._pending = np.zeros(n_trains, _PENDING)
-        self._pending["seen"] = self._pending["last"] = NONE
-        for column in DECIDED.values():
-            array = getattr(course.decisions, column)
-            self._kept[column] = np.zeros((n_trains, *array.shape[1:]), array.dtype)
-
-    def _gather(self, course: Course, ends: NDArray[Any]) -> Transitions:
-        rows = {name: np.concatenate((kept, getattr(course.decisions, name))) for name, kept in self._kept.items()}
-        following = np.concatenate((rows["observations"], course.final_observations))[ends["follows"]]
-        following[ends["follows"] == NONE] = 0
-        columns = {
-            **{name: rows[column][ends["seen"]] for name, column in DECIDED.items()},
-            "reward_t": ends["reward"].astype(np.float32),
-            "discount_t": ends["discount"].astype(np.float32),
-            "observation_t": following,
-            "back": ends["back"].copy(),
-        }
-        return Transitions(columns, ends["completed_at"].copy())
-
-    def _keep(self, fragment: Fragment) -> None:
-        episode, number = fragment.lease.unit
-        self._open = (episode, number + 1, fragment.course.last_step)
-        seen, n_trains = self._pending["seen"], len(self._pending)
-        new = np.flatnonzero(seen >= n_trains)
-        for name, kept in self._kept.items():
-            kept[new] = getattr(fragment.course.decisions, name)[seen[new] - n_trains]
-        seen[new] = new
+        """Memory for each train's pending decision, see `find_transitions`."""
+        n_trains, n_features = course.final_observations.shape
+        self._pending = (
+            np.full((n_trains, 2), NONE),
+            np.zeros((n_trains, 2)),
+            np.zeros((n_trains, n_features), np.uint32),
+        )
 
 
 def plain(array: NDArray[Number]) -> NDArray[Number]:
     """The array, or a copy if it lies as a wire's may: for each way to lie, functions are compiled anew."""
-    return np.require(array, requirements=["C", "A", "W"])
+    return array if array.flags.carray else np.array(array, order="C")
+
+
+def bits(rows: NDArray[np.float32]) -> NDArray[np.uint32]:
+    """As `plain`, the bits of the numbers."""
+    return plain(rows).view(np.uint32)
 
 
 @bare_kernel
-def end(now: Any, follows: int, completed_at: int, number: int, out: Any) -> int:
-    """Write the transition that ends what is pending, the `number`th of its episode; returns 1, what there is of it."""
-    out.seen, out.reward, out.discount = now.seen, now.reward, now.discount
-    out.follows, out.completed_at = follows, completed_at
-    out.back = 0 if now.last == NONE else number - now.last
-    now.last, now.seen = number, NONE
-    return 1
+def copy(row: NDArray[np.uint32], out: NDArray[np.uint32]) -> None:
+    """Overwrite `out` [F] with a row."""
+    for place in range(len(row)):
+        out[place] = row[place]
 
 
-@kernel
+@bare_kernel
+def note(
+    number: int,
+    pending: NDArray[np.int64],
+    sums: NDArray[np.float64],
+    out: NDArray[np.uint32],
+) -> None:
+    """Write the numbers of the transition that ends what is pending, the `number`th of its episode."""
+    out[ACTION], out[BACK] = pending[DECIDED], 0 if pending[LAST] == NONE else number - pending[LAST]
+    out[REWARD] = np.float32(sums[REWARDED]).view(np.uint32)
+    out[DISCOUNT] = np.float32(sums[DISCOUNTED]).view(np.uint32)
+    pending[DECIDED], pending[LAST] = NONE, number
+
+
+@bare_kernel
 def find_transitions(  # noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
     times: NDArray[np.int32],
     trains: NDArray[np.int32],
+    actions: NDArray[np.int8],
+    observations: NDArray[np.uint32],
     rewards: NDArray[np.float32],
     arrived_at: NDArray[np.int32],
+    final_observations: NDArray[np.uint32],
     first_step: int,
     over: bool,
     discount: float,
-    pending: NDArray[Any],
     made: int,
-    ends: NDArray[Any],
+    pending: NDArray[np.int64],
+    sums: NDArray[np.float64],
+    kept: NDArray[np.uint32],
+    numbers: NDArray[np.uint32],
+    rows: NDArray[np.uint32],
+    completed_at: NDArray[np.int64],
 ) -> int:
-    """Walk along a fragment, step by step and train by train, and note which decisions end and how.
-
-    Rows are counted through the trains' decisions before the fragment [N], its own [D] and its last observations [N].
+    """Walk along a fragment, step by step and train by train, and write down which decisions end and how.
 
     Args:
         times: [D].
         trains: [D].
+        actions: [D].
+        observations: [D, F], their bits.
         rewards: [T, N].
         arrived_at: [N].
+        final_observations: [N, F], their bits.
         first_step: steps before the fragment.
         over: the episode ends with it.
         discount: gamma.
-        pending: [N], the trains' decisions whose ends are not known; overwritten.
         made: transitions of the episode before the fragment.
-        ends: [D + N], overwritten with the transitions, in their order.
+        pending: [N, 2], of the decisions whose ends are not known: the action, NONE if a train has none pending, and
+            the number of the train's last transition, NONE for none; overwritten.
+        sums: [N, 2], their discounted rewards so far, and gamma to the power of their steps so far; overwritten.
+        kept: [N, F], what was seen at them; overwritten.
+        numbers: [D + N, 4], overwritten with those of the transitions, in their order.
+        rows: [D + N, 2, F], overwritten with what was seen before and after them.
+        completed_at: [D + N], overwritten.
 
     Returns:
-        How many transitions are in `ends`.
+        How many transitions there are.
     """
     steps, n_trains = rewards.shape
+    last_step = first_step + steps
     decision = count = 0  # the next of each
-    for step in range(first_step, first_step + steps):
+    for step in range(first_step, last_step):
         for train in range(n_trains):
-            now = pending[train]
             if decision < len(times) and times[decision] == step and trains[decision] == train:
-                if now.seen != NONE:
-                    count += end(now, n_trains + decision, step + 1, made + count, ends[count])
-                now.seen = n_trains + decision
-                now.reward, now.discount = 0.0, 1.0
+                seen = observations[decision]
+                if pending[train, DECIDED] != NONE:
+                    note(made + count, pending[train], sums[train], numbers[count])
+                    copy(kept[train], rows[count, 0])
+                    copy(seen, rows[count, 1])
+                    completed_at[count] = step + 1
+                    count += 1
+                pending[train, DECIDED] = actions[decision]
+                sums[train, REWARDED], sums[train, DISCOUNTED] = 0.0, 1.0
+                copy(seen, kept[train])
                 decision += 1
-            if now.seen == NONE:
+            if pending[train, DECIDED] == NONE:
                 continue
-            now.reward += now.discount * rewards[step - first_step, train]
-            now.discount *= discount
-            if arrived_at[train] == step:
-                now.discount = 0.0
-                count += end(now, NONE, step + 1, made + count, ends[count])
-            elif over and step == first_step + steps - 1:
-                count += end(now, n_trains + len(times) + train, step + 1, made + count, ends[count])
+            sums[train, REWARDED] += sums[train, DISCOUNTED] * rewards[step - first_step, train]
+            sums[train, DISCOUNTED] *= discount
+            arrives = arrived_at[train] == step
+            if arrives or (over and step == last_step - 1):
+                following = rows[count, 1]
+                if arrives:
+                    sums[train, DISCOUNTED] = 0.0
+                    following[:] = 0
+                else:
+                    copy(final_observations[train], following)
+                note(made + count, pending[train], sums[train], numbers[count])
+                copy(kept[train], rows[count, 0])
+                completed_at[count] = step + 1
+                count += 1
     return count
 
 

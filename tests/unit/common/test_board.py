@@ -5,8 +5,12 @@ import threading
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from common.board import Board, BoardReader, Slots
+from common.board import Board, BoardReader, Slots, look_over
+from common.policy.flat import Flat, Order
+from common.policy.packing import KINDS, Layout
 
 SHAPES = {"first.weight": (3, 2), "first.bias": (3,), "scale": ()}
 COUNT = 3
@@ -69,6 +73,56 @@ def test_tensors_in_any_layout_are_put(board, reader):
     assert has(reader, 4)
 
 
+def test_what_is_taken_stays_until_the_call_after_the_next_that_finds_some(board, reader):
+    for version in range(COUNT):
+        board.put(version, tensors(version))
+    taken = reader.get(0)
+    assert reader.get(9) is None
+    assert reader.get(1) is not None
+    assert reader.get(9) is None
+    assert taken["first.weight"].tobytes() == tensors(0)["first.weight"].tobytes()
+    assert reader.get(2) is not None
+    assert taken["first.weight"].tobytes() == tensors(2)["first.weight"].tobytes()
+
+
+@pytest.mark.parametrize("like", ["in order", "by name"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_weights_in_an_order_of_their_own_arrive_in_it(path, reader, like, kind):
+    order = Layout(kind, 7, 5, (9, 6)).order
+    rng = np.random.default_rng(1)
+    by_name = {name: rng.standard_normal(place.shape).astype(np.float32) for name, place in order.places.items()}
+    flat = order.pack(by_name)
+    board = Board(path, Flat(order, flat), COUNT)
+    board.put(0, Flat(order, flat) if like == "in order" else by_name)
+    taken = reader.get(0)
+    assert order.pack(taken) is taken.flat
+    assert taken.flat.tobytes() == flat.tobytes()
+    for name, array in by_name.items():
+        np.testing.assert_array_equal(taken[name], array)
+    board.close()
+
+
+def test_weights_in_an_order_of_their_own_are_put_on_a_board_of_another(board, reader):
+    places = Order.of(tensors(1)).places
+    moved = Order(12, {name: place._replace(begin=place.begin + 4) for name, place in places.items()})
+    board.put(1, Flat(moved, moved.pack(tensors(1))))
+    assert has(reader, 1)
+
+
+@pytest.mark.parametrize("number", [np.inf, -np.inf, np.nan, -np.nan])
+def test_numbers_that_are_not_finite_are_refused(board, reader, number):
+    for name, array in tensors(1).items():
+        with pytest.raises(ValueError, match="weights 1 have numbers that are not finite"):
+            board.put(1, tensors(1) | {name: np.full_like(array, number)})
+    assert reader.get(1) is None
+
+
+@given(st.lists(st.floats(width=32), min_size=1, max_size=6))
+def test_numbers_are_looked_over_by_their_bits(numbers):
+    flat = np.array([*numbers, *numbers], np.float32)
+    assert look_over(flat.view(np.int64)) == (flat.view(np.int64).sum(), np.isfinite(flat).all())
+
+
 def test_without_a_board_nothing_is_there_until_one_comes(path, reader):
     assert reader.get(0) is None
     board = Board(path, tensors(0), COUNT)
@@ -90,7 +144,8 @@ def test_a_new_learners_board_hides_all_that_an_earlier_one_left(path, reader):
 
 
 def test_a_slot_that_is_not_whole_is_not_there(board, path, reader):
-    start, length = Slots(SHAPES, COUNT).start(1), 8 * 3 + 4 * Slots(SHAPES, COUNT).size
+    slots = Slots(Order.of_shapes(SHAPES), COUNT)
+    start, length = slots.start(1), slots.slot_bytes
     board.put(1, tensors(1))
     good = path.read_bytes()
     board.put(1 + COUNT, tensors(1 + COUNT))
@@ -116,6 +171,8 @@ def test_a_slot_that_is_not_whole_is_not_there(board, path, reader):
         lambda good: (2).to_bytes(8, "little") + b"[]" + good[10:],
         lambda good: good.replace(b'"count": 3', b'"count": 0'),
         lambda good: good.replace(b"[3, 2]", b"[3000, 2000]"),
+        lambda good: good.replace(b"[[3, 2], 0", b"[[9, 2], 0"),
+        lambda good: good.replace(b"[[3, 2], 0, [4", b'[[3, 2], 0, "4'),
     ],
 )
 def test_what_is_no_board_has_nothing(path, reader, damage):

@@ -438,7 +438,7 @@ def test_levels_of_ones_own_make_a_run():
     assert (config.mix, config.cluster.actors, config.evaluation.levels) == ({"rush": 1.0}, {"rush": 0}, 50)
     mixed = resolve({"levels": {"rush": RUSH}, "mix": {"easy": 0.5, "rush": 0.5}})
     assert list(mixed.world.levels) == ["easy", "rush"]
-    assert mixed.cluster.actors == {"easy": 1, "rush": 1}
+    assert mixed.cluster.actors == {"easy": 0, "rush": 0}
 
 
 @pytest.mark.parametrize(

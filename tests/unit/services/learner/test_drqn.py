@@ -22,8 +22,8 @@ def test_sequences_are_what_a_train_saw_up_to_a_transition_and_from_one_decision
             (3, 0, 2, seen + 3),
         ]
         episode = decided(number, decisions, np.full((5, 2), -1), [-1, 4], [seen + 4, 0])
-        replay.add(TransitionMaker(0.9).take(episode)[:])
-    sample = replay.sample(200, np.random.default_rng(2))
+        replay.append(TransitionMaker(0.9).take(episode).items)
+    sample = replay.sample(200, 2)
     assert set(sample.places) == set(range(len(replay)))
     before, after = (dense_rows(x) for x in sequences(replay, sample, length=3))
     assert before.shape == after.shape == (3, 200, 1)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.rules.replay import PrioritizedReplay, UniformReplay
-from services.learner.replay.replay import Replay
+from services.learner.replay.replay import Items, Replay
 from services.learner.sparse import dense_rows
 
 F = 3
@@ -73,7 +73,7 @@ def test_the_ring_is_a_list_whose_oldest_give_way(kind, capacity, additions, see
         assert len(replay) == len(ring)
         assert (-replay.state()["reward"]).tolist() == ring
         if ring:
-            sample = replay.sample(5, np.random.default_rng(seed))
+            sample = replay.sample(5, seed)
             expected = numbered(0, added)
             rows = {name: dense_rows(row) for name, row in sample.rows.items()}
             assert set(rows) == set(ROWS)
@@ -84,11 +84,12 @@ def test_the_ring_is_a_list_whose_oldest_give_way(kind, capacity, additions, see
 def test_uniform_places_are_the_generators_own():
     replay = make_replay(10)
     replay.add(numbered(0, 7))
-    sample = replay.sample(5, np.random.default_rng(3), beta=0.3)
-    assert sample.places.tolist() == np.random.default_rng(3).integers(7, size=5).tolist()
+    sample = replay.sample(5, 3, beta=0.3)
+    assert sample.places.tolist() == np.random.Generator(np.random.Philox(key=3)).integers(7, size=5).tolist()
     assert sample.weights.tolist() == [1] * 5
+    places = sample.places.tolist()
     replay.reprioritise(sample.places, np.full(5, 9.0))
-    assert replay.sample(5, np.random.default_rng(3)).places.tolist() == sample.places.tolist()
+    assert replay.sample(5, 3).places.tolist() == places
 
 
 @settings(deadline=None)
@@ -108,7 +109,7 @@ def test_a_restored_replay_goes_on_with_the_same_bits(kind, capacity, steps, tur
         told = []
         for replay in filter(None, (straight, restored)):
             replay.add(numbered(100 * i, count), np.linspace(0, priority, count) if i % 2 else None)
-            sample = replay.sample(4, np.random.default_rng(i), beta=0.4)
+            sample = replay.sample(4, i, beta=0.4)
             told.append((sample.places.tolist(), sample.weights.tolist(), dense_rows(sample.rows["after"]).tolist()))
             replay.reprioritise(sample.places, np.array([priority, 0, 1, priority / 2]))
         assert told[0] == told[-1]
@@ -120,24 +121,22 @@ def test_a_restored_replay_goes_on_with_the_same_bits(kind, capacity, steps, tur
 def test_a_sample_uses_its_memory_again():
     replay = make_replay(10, "prioritized")
     replay.add(numbered(0, 10))
-    first = replay.sample(4, np.random.default_rng(1))
+    first = replay.sample(4, 1)
     assert {name: array.dtype for name, array in first.columns.items()} == {
         "action": np.int64,
         "reward": np.float32,
         "back": np.int64,
     }
     assert first.rows["before"].shape == (4, F)
-    second = replay.sample(4, np.random.default_rng(2))
-    assert all(second.columns[name] is array for name, array in first.columns.items())
-    assert second.rows is first.rows
-    assert second.places is not first.places
-    assert replay.sample(6, np.random.default_rng(2)).columns["reward"].shape == (6,)
+    second = replay.sample(4, 2)
+    assert second is first
+    assert replay.sample(6, 2).columns["reward"].shape == (6,)
 
 
 def test_sampling_is_uniform():
     replay = make_replay(4)
     replay.add(numbered(0, 6))
-    sample = replay.sample(8000, np.random.default_rng(1))
+    sample = replay.sample(8000, 1)
     numbers, counts = np.unique(sample.columns["reward"], return_counts=True)
     assert sorted(-numbers) == [2, 3, 4, 5]
     assert (abs(counts - 2000) < 200).all()  # five standard deviations
@@ -148,7 +147,7 @@ def test_priorities_by_hand():
     replay.add(numbered(0, 2))  # at 1, the largest so far
     replay.add(numbered(2, 1), np.array([6.0]))
     assert replay.metrics() == pytest.approx({"replay_fill": 0.75, "priority_mean": 8 / 3, "priority_max": 6})
-    sample = replay.sample(8, np.random.default_rng(1), beta=0.5)
+    sample = replay.sample(8, 1, beta=0.5)
     assert sample.places.tolist() == [0, 1, 2, 2, 2, 2, 2, 2]
     assert sample.weights.tolist() == pytest.approx([1, 1, *[6**-0.5] * 6])
     replay.reprioritise(np.array([2, 0]), np.array([1.0, 2.0]))
@@ -206,11 +205,28 @@ def test_numbers_come_back_to_the_bit_and_with_their_sign(kind):
     items = {name: np.array([np.iinfo(dtype).min, -1], dtype) for name, dtype in columns.items() if name != "real"}
     items["real"] = np.array([0x7FC00123, 0x80000000], np.uint32).view(np.float32)  # a NaN, -0
     replay.add(items | {"row": np.ones((2, F), np.float32)})
-    sample = replay.sample(16, np.random.default_rng(1))
+    sample = replay.sample(16, 1)
     for name, array in items.items():
         assert replay.state()[name].tobytes() == array.tobytes()
         expected = array[sample.places].astype(np.float32 if name == "real" else np.int64)
         assert sample.columns[name].tobytes() == expected.tobytes()
+
+
+def test_items_may_come_packed_and_in_parts():
+    columns = {"back": np.int32, "small": np.int8, "real": np.float32}
+    named, packed = (Replay(UniformReplay(capacity=5), columns, ROWS, F) for _ in range(2))
+    rng = np.random.default_rng(1)
+    numbers, rows = np.zeros((8, 3), np.uint32), (rng.random((8, 2, F)) * [0, 1, 1]).astype(np.float32)
+    numbers.view(np.int32)[:, :2] = rng.integers(-128, 128, (8, 2))
+    numbers.view(np.float32)[:, 2] = rng.random(8)
+    items = Items(numbers, rows.view(np.uint32))
+    for begin, end in ((0, 0), (0, 2), (2, 8)):
+        packed.append(items.part(begin, end))
+        part = slice(begin, end)
+        by_name = {"small": numbers.view(np.int32)[part, 1], "back": numbers.view(np.int32)[part, 0]}
+        by_name |= {"real": numbers.view(np.float32)[part, 2], "before": rows[part, 0], "after": rows[part, 1]}
+        named.add(by_name)
+        same((packed.state(), named.state()))
 
 
 def test_columns_of_more_than_32_bits_are_refused():
@@ -221,7 +237,7 @@ def test_columns_of_more_than_32_bits_are_refused():
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_empty_ring_cannot_be_sampled(kind):
     with pytest.raises(ValueError, match="empty replay"):
-        make_replay(4, kind).sample(1, np.random.default_rng(1))
+        make_replay(4, kind).sample(1, 1)
 
 
 def test_items_that_do_not_fit_are_refused():

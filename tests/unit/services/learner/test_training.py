@@ -169,7 +169,7 @@ def test_prioritised_errors_weigh_more_and_more_alike():
     trainer = make_trainer(replay="prioritized")
     seen = []
     sample = trainer._replay.sample
-    trainer._replay.sample = lambda size, rng, beta: seen.append(beta) or sample(size, rng, beta)
+    trainer._replay.sample = lambda size, key, beta: seen.append(beta) or sample(size, key, beta)
     for number in range(20):
         trainer.train(make_episode(number))
     betas = sorted(set(seen))

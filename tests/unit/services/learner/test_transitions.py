@@ -138,10 +138,3 @@ def test_only_the_next_fragment_is_taken():
     maker.take(second)
     maker.forget()
     assert len(maker.take(make_episode(4))) > 0
-
-
-def test_a_part_is_a_slice_of_every_column():
-    whole = make([(0, 0, 2, 0.1), (1, 0, 3, 0.2)], [[-1], [-2]], [-1], [0.5], discount=0.5)
-    part = whole[1:]
-    assert {name: len(array) for name, array in part.items()} == dict.fromkeys(whole.columns, 1)
-    assert (part["action_tm1"].tolist(), part["reward_t"].tolist()) == ([3], [-2])
