@@ -179,7 +179,7 @@ class Rollouts:
         pieces = [self._piece(acting, states, last_step)]
         while self._step < last_step and not parts.over[0]:
             pieces.append(self._piece(acting, states, last_step))
-        return Course(
+        return Course.made(
             level_hash=self._level.content_hash,
             max_steps=self._level.max_steps,
             first_step=first_step,
@@ -218,7 +218,7 @@ class Rollouts:
             self._arrived_at,
         )
         self._step += steps
-        noted = Decisions(**{name: column[:decisions].copy() for name, column in self._notes._asdict().items()})
+        noted = Decisions.made(**{name: column[:decisions].copy() for name, column in self._notes._asdict().items()})
         return noted, self._rewards[:steps, : len(self._arrived_at)].copy()
 
     def _look_back(self, parts: Parts) -> NDArray[np.float32]:

@@ -91,16 +91,22 @@ class Course(Record):
 
     @model_validator(mode="after")
     def _indices_hold(self) -> Self:
+        # In lists: a fragment is short, and numpy's way to the least of a column costs more than the column.
         steps, trains = self.rewards.shape
-        end = self.last_step
-        for field, first, limit in (("times", self.first_step, end), ("trains", 0, trains), ("actions", 0, 5)):
-            values = getattr(self.decisions, field)
-            if values.size and (values.min() < first or values.max() >= limit):
+        end, decisions = self.last_step, self.decisions
+        for field, column, first, limit in (
+            ("times", decisions.times, self.first_step, end),
+            ("trains", decisions.trains, 0, trains),
+            ("actions", decisions.actions, 0, 5),
+        ):
+            values = column.tolist()
+            if values and (min(values) < first or max(values) >= limit):
                 raise ValueError(f"decisions.{field}: wants values in {first}..{limit - 1}")
         if not 1 <= steps <= self.max_steps - self.first_step or trains < 1:
             most = self.max_steps - self.first_step
             raise ValueError(f"rewards: wants 1..{most} steps of at least one train, got {steps} of {trains}")
-        if self.arrived_at.min() < NONE or self.arrived_at.max() >= end:
+        arrived_at = self.arrived_at.tolist()
+        if min(arrived_at) < NONE or max(arrived_at) >= end:
             raise ValueError(f"arrived_at: wants values in -1..{end - 1}")
         if self.score is not None and not self.over:
             raise ValueError(f"score: {self.score} of an episode that is not over")
