@@ -2,11 +2,11 @@
 
 import hashlib
 from types import NoneType
-from typing import Annotated, Self
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from common.levels.distributions import LevelName
 from common.records.base import Array, Count, Name, Record
@@ -69,8 +69,8 @@ class Fragment(Record):
     course: Course
     circumstances: Circumstances
 
-    @model_validator(mode="after")
-    def _course_answers_lease(self) -> Self:
+    def check(self) -> None:
+        """Raises ValueError for a course that does not answer its lease."""
         lease, course, steps = self.lease, self.course, len(self.course.rewards)
         if course.first_step != lease.first_step:
             raise ValueError(f"course: begins after step {course.first_step}, its lease after {lease.first_step}")
@@ -78,7 +78,6 @@ class Fragment(Record):
             raise ValueError("course: is not over, its lease covers all of it")
         if lease.steps is not None and (steps > lease.steps or (steps < lease.steps and not course.over)):
             raise ValueError(f"course: has {steps} steps, its lease {lease.steps}")
-        return self
 
     @property
     def whole(self) -> bool:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self, Union, get_args, g
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationInfo, model_validator
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
@@ -97,11 +97,14 @@ class Record(BaseModel):
         record.check_arrays()
         return record
 
-    @model_validator(mode="after")
-    def _arrays_are_as_declared(self, info: ValidationInfo) -> Self:
-        if info.context is not ARRAYS_FIT:
+    def model_post_init(self, context: Any, /) -> None:
+        """Check what no field shows by itself; a validator would be called anew for each record around this one."""
+        if context is not ARRAYS_FIT:
             self.check_arrays()
-        return self
+        self.check()
+
+    def check(self) -> None:
+        """Raises ValueError for fields that do not fit each other, whose arrays are as declared."""
 
     def check_arrays(self) -> dict[str, int]:
         """What the letters of its shapes stand for.
@@ -113,9 +116,8 @@ class Record(BaseModel):
         lengths: dict[str, int] = {}
         for name, dtype, dims, spec in layout.arrays:
             array = values[name]
-            if type(array) is not np.ndarray or array.dtype is not dtype or array.ndim != len(dims):
-                spec.check(array, f"{name}: ")
-            if dtype.kind == "f" and array.size and has_infinities(array):
+            usual = type(array) is np.ndarray and array.dtype is dtype and array.ndim == len(dims)
+            if not usual or (dtype.kind == "f" and array.size and has_infinities(array)):
                 spec.check(array, f"{name}: ")
             for dim, length in zip(dims, array.shape, strict=True):
                 if length != (lengths.setdefault(dim, length) if type(dim) is str else dim):

@@ -6,7 +6,7 @@ little code runs: training empties the processor's caches between two messages, 
 """
 
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,18 +30,16 @@ def _dtypes(layout: Layout) -> set[DType]:
 def take_apart(record: Record) -> list[Any]:
     """Fields, lengths and blocks of a record, all of which msgpack knows."""
     parts: dict[DType, list[bytes]] = {dtype: [] for dtype in dtypes_of(type(record))}
-    fields = _fields(record, layout_of(type(record)), parts)
-    return [fields, record.measured(), *[_block(dtype, b"".join(arrays)) for dtype, arrays in parts.items()]]
-
-
-def _fields(record: Record, layout: Layout, parts: dict[DType, list[bytes]]) -> dict[str, Any]:
-    fields = record.__dict__.copy()
-    for name, dtype, *_ in layout.arrays:
-        parts[dtype].append(fields.pop(name).tobytes())
-    for name, below in layout.below:
-        if (part := fields[name]) is not None:
-            fields[name] = _fields(part, below, parts)
-    return fields
+    whole = record.__dict__.copy()
+    found = [(whole, layout_of(type(record)))]
+    for fields, layout in found:  # which grows: first the record, then what is below
+        for name, dtype, *_ in layout.arrays:
+            parts[dtype].append(fields.pop(name).tobytes())
+        for name, below in layout.below:
+            if fields[name] is not None:
+                fields[name] = fields[name].__dict__.copy()
+                found.append((fields[name], below))
+    return [whole, record.measured(), *[_block(dtype, b"".join(arrays)) for dtype, arrays in parts.items()]]
 
 
 def _block(dtype: DType, raw: bytes) -> Any:
@@ -50,63 +48,53 @@ def _block(dtype: DType, raw: bytes) -> Any:
     return pack_sparse(np.frombuffer(raw, np.float32)) or raw
 
 
-class Whole:
-    """A record put together again from what `take_apart` made of it.
+class Whole(NamedTuple):
+    """A record put together again.
 
     Attributes:
         fields: with arrays, and with mappings in the place of records. Only the arrays are certain to be as declared.
         finite: so are all numbers in the arrays.
+        left: what no array wants of lengths and blocks, if there is something; for who finds the fields complete.
     """
 
-    __slots__ = ("_at", "_lengths", "_letters", "_numbers", "fields", "finite")
+    fields: Any
+    finite: bool
+    left: str | None
 
-    def __init__(self, record_type: type[Record], plain: Any) -> None:
-        """`plain` is what msgpack has unpacked.
 
-        Raises:
-            Refused: these are no fields, lengths and blocks, or they do not fit each other.
-        """
-        dtypes = dtypes_of(record_type)
-        if type(plain) is not list or len(plain) != 2 + len(dtypes) or type(plain[1]) is not dict:
-            raise Refused(f"{record_type.__name__}: wants fields, lengths and {len(dtypes)} blocks")
-        self.fields, self._lengths, *blocks = plain
-        for letter, length in self._lengths.items():
-            if type(length) is not int or not 0 <= length < 2**31:
-                raise Refused(f"{record_type.__name__}: length {letter:.40} is {length!r:.40}")
-        self.finite = True
-        self._at = dict.fromkeys(dtypes, 0)
-        self._numbers = {}
-        for dtype, block in zip(dtypes, blocks, strict=True):
-            numbers = self._numbers[dtype] = _numbers(dtype, block)
-            if dtype.kind == "f" and has_infinities(numbers):
-                self.finite = False
-        self._letters: set[str] = set()
-        self._fill(f"{record_type.__name__}: ", self.fields, layout_of(record_type))
+def put_together(record_type: type[Record], plain: Any) -> Whole:
+    """Undo `take_apart`.
 
-    def check_all_is_used(self) -> None:
-        """Raises Refused for lengths or numbers that no array wants; only then, to name the field if one is missing."""
-        if self._letters != self._lengths.keys():
-            raise Refused(f"lengths of {sorted(self._lengths)!s:.80} for shapes of {sorted(self._letters)}")
-        for dtype, numbers in self._numbers.items():
-            if self._at[dtype] != numbers.nbytes:
-                raise Refused(f"has more numbers of {dtype} than its arrays")
-
-    def _fill(self, path: str, fields: Any, layout: Layout) -> None:
+    Raises:
+        Refused: these are no fields, lengths and blocks, or they do not fit each other.
+    """
+    dtypes = dtypes_of(record_type)
+    if type(plain) is not list or len(plain) != 2 + len(dtypes) or type(plain[1]) is not dict:
+        raise Refused(f"{record_type.__name__}: wants fields, lengths and {len(dtypes)} blocks")
+    whole, lengths, *blocks = plain
+    for letter, length in lengths.items():
+        if type(length) is not int or not 0 <= length < 2**31:
+            raise Refused(f"{record_type.__name__}: length {letter:.40} is {length!r:.40}")
+    numbers = {dtype: _numbers(dtype, block) for dtype, block in zip(dtypes, blocks, strict=True)}
+    letters: set[str] = set()
+    at = dict.fromkeys(dtypes, 0)  # bytes
+    found = [(whole, layout_of(record_type))]
+    for fields, layout in found:  # in the order of `take_apart`
         if type(fields) is not dict:
-            return  # nothing, or what nobody will take for a record
-        self._letters |= layout.letters
+            continue  # None, or what nobody will take for a record
+        letters |= layout.letters
         for name, dtype, dims, _ in layout.arrays:
-            shape = [self._lengths.get(dim, dim) for dim in dims]
-            at = self._at[dtype]
             try:
-                array: NDArray[Any] = np.ndarray(shape, dtype, self._numbers[dtype], at)
+                array: NDArray[Any] = np.ndarray([*map(lengths.get, dims, dims)], dtype, numbers[dtype], at[dtype])
             except (TypeError, ValueError) as problem:
-                raise Refused(f"{path}{name}: no shape is {shape}: {problem!s:.100}") from None
-            self._at[dtype] = at + array.nbytes
+                raise Refused(f"{record_type.__name__}: {name} of {dims} in {lengths!s:.80}: {problem!s:.80}") from None
+            at[dtype] += array.nbytes
             if fields.setdefault(name, array) is not array:
-                raise Refused(f"{path}{name}: is not in a block")
+                raise Refused(f"{record_type.__name__}: {name} is not in a block")
         for name, below in layout.below:
-            self._fill(f"{path}{name}.", fields.get(name), below)
+            found.append((fields.get(name), below))
+    finite = not any(dtype.kind == "f" and has_infinities(block) for dtype, block in numbers.items())
+    return Whole(whole, finite, _left(lengths, letters, numbers, at))
 
 
 def _numbers(dtype: DType, block: Any) -> NDArray[Any]:
@@ -115,3 +103,14 @@ def _numbers(dtype: DType, block: Any) -> NDArray[Any]:
     if type(block) is np.ndarray and block.dtype == dtype and block.ndim == 1:  # was sparse
         return block
     raise Refused(f"{block!r:.40} is no block of {dtype}")
+
+
+def _left(
+    lengths: dict[str, int], letters: set[str], numbers: dict[DType, NDArray[Any]], at: dict[DType, int]
+) -> str | None:
+    if letters != lengths.keys():
+        return f"lengths of {sorted(lengths)!s:.80} for shapes of {sorted(letters)}"
+    for dtype, block in numbers.items():
+        if at[dtype] != block.nbytes:
+            return f"more numbers of {dtype} than in arrays"
+    return None

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from common.records.base import ARRAYS_FIT, Record
 from common.wire.arrays import ROOM, Refused, pack_array, unpack_array
-from common.wire.blocks import Whole, dtypes_of, take_apart
+from common.wire.blocks import dtypes_of, put_together, take_apart
 
 __all__ = ["Refused", "decode", "encode", "encoding_of", "unpack"]
 
@@ -86,9 +86,11 @@ def unpack(body: bytes) -> Any:
 def _record(record_type: type[R], plain: Any) -> R:
     if not dtypes_of(record_type):
         return record_type.model_validate(plain)
-    whole = Whole(record_type, plain)
-    record = record_type.model_validate(whole.fields, context=ARRAYS_FIT if whole.finite else None)
-    whole.check_all_is_used()
+    fields, finite, left = put_together(record_type, plain)
+    validator = record_type.__pydantic_validator__  # `model_validate` asks first how it is to call this
+    record: R = validator.validate_python(fields, context=ARRAYS_FIT if finite else None)
+    if left is not None:
+        raise Refused(f"{record_type.__name__}: {left}")
     return record
 
 
