@@ -116,6 +116,40 @@ def test_a_course_answers_its_lease(lease, course, text):
         assert complaint(lambda: fragment_of(lease, course))[1] == f"Value error, {text}"
 
 
+def fields_of(record):
+    return {name: getattr(record, name) for name in type(record).model_fields}
+
+
+def test_what_a_process_made_itself_is_as_if_checked():
+    course = episode().course
+    made = Course.made(**fields_of(course) | {"decisions": Decisions.made(**fields_of(course.decisions))})
+    assert digest_of(made) == digest_of(course)
+    assert made.measured() == course.measured() == {"D": 4, "F": 2, "T": 3, "N": 2, "S": 0}
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "text"),
+    [
+        ("rewards", np.full((3, 2), np.nan, np.float32), "rewards: has non-finite numbers"),
+        ("rewards", np.zeros((3, 2)), "rewards: wants dtype float32, got float64"),
+        ("arrived_at", np.zeros(3, np.int32), "arrived_at: dimension N is 3 here and 2 before"),
+        ("final_observations", np.zeros((2, 3), np.float32), "final_observations: dimension F is 3 here and 2 before"),
+    ],
+)
+def test_arrays_are_looked_at_whoever_made_them(field, value, text):
+    with pytest.raises(ValueError, match=text):
+        Course.made(**fields_of(episode().course) | {field: value})
+
+
+def test_a_record_is_not_checked_anew_within_another(monkeypatch):
+    parts, calls = fields_of(episode()), []
+    monkeypatch.setattr(Course, "check", lambda course: calls.append(course.first_step))
+    Fragment(**parts)
+    assert calls == []
+    Course(**fields_of(parts["course"]))
+    assert len(calls) == 1
+
+
 def test_lengths_agree_across_nested_records():
     states = np.zeros((1, 4), np.float32)
     progressed = Progressed(fragment=1, first_step=1, actions=np.zeros(9, np.int8), states=states)
