@@ -43,13 +43,15 @@ class Array:
             raise ValueError(f"{where}wants dtype {self.dtype}, got {value.dtype}")
         if self.dims is not None and value.ndim != len(self.dims):
             raise ValueError(f"{where}wants {len(self.dims)} dimensions, got shape {value.shape}")
-        if value.dtype.kind == "f" and has_infinities(value):
+        if has_infinities(value):
             raise ValueError(f"{where}has non-finite numbers")
         return value
 
 
 def has_infinities(numbers: NDArray[Any]) -> bool:
     """Some of these are infinite, or no numbers at all."""
+    if numbers.dtype.kind != "f" or not numbers.size:
+        return False
     return b"\0" in np.isfinite(numbers).tobytes()  # a third of the time of `all`
 
 
@@ -117,7 +119,7 @@ class Record(BaseModel):
         for name, dtype, dims, spec in layout.arrays:
             array = values[name]
             usual = type(array) is np.ndarray and array.dtype is dtype and array.ndim == len(dims)
-            if not usual or (dtype.kind == "f" and array.size and has_infinities(array)):
+            if not usual or has_infinities(array):
                 spec.check(array, f"{name}: ")
             for dim, length in zip(dims, array.shape, strict=True):
                 if length != (lengths.setdefault(dim, length) if type(dim) is str else dim):

@@ -31,14 +31,14 @@ def take_apart(record: Record) -> list[Any]:
     """Fields, lengths and blocks of a record, all of which msgpack knows."""
     parts: dict[DType, list[bytes]] = {dtype: [] for dtype in dtypes_of(type(record))}
     whole = record.__dict__.copy()
-    found = [(whole, layout_of(type(record)))]
-    for fields, layout in found:  # which grows: first the record, then what is below
+    records = [(whole, layout_of(type(record)))]
+    for fields, layout in records:  # which grows: first the record, then what is below
         for name, dtype, *_ in layout.arrays:
             parts[dtype].append(fields.pop(name).tobytes())
         for name, below in layout.below:
             if fields[name] is not None:
                 fields[name] = fields[name].__dict__.copy()
-                found.append((fields[name], below))
+                records.append((fields[name], below))
     return [whole, record.measured(), *[_block(dtype, b"".join(arrays)) for dtype, arrays in parts.items()]]
 
 
@@ -78,8 +78,8 @@ def put_together(record_type: type[Record], plain: Any) -> Whole:
     numbers = {dtype: _numbers(dtype, block) for dtype, block in zip(dtypes, blocks, strict=True)}
     letters: set[str] = set()
     at = dict.fromkeys(dtypes, 0)  # bytes
-    found = [(whole, layout_of(record_type))]
-    for fields, layout in found:  # in the order of `take_apart`
+    records = [(whole, layout_of(record_type))]
+    for fields, layout in records:  # in the order of `take_apart`
         if type(fields) is not dict:
             continue  # None, or what nobody will take for a record
         letters |= layout.letters
@@ -92,8 +92,8 @@ def put_together(record_type: type[Record], plain: Any) -> Whole:
             if fields.setdefault(name, array) is not array:
                 raise Refused(f"{record_type.__name__}: {name} is not in a block")
         for name, below in layout.below:
-            found.append((fields.get(name), below))
-    finite = not any(dtype.kind == "f" and has_infinities(block) for dtype, block in numbers.items())
+            records.append((fields.get(name), below))
+    finite = True not in map(has_infinities, numbers.values())
     return Whole(whole, finite, _left(lengths, letters, numbers, at))
 
 
