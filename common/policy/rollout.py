@@ -180,7 +180,7 @@ class Rollouts:
         while self._step < last_step and not parts.over[0]:
             pieces.append(self._piece(acting, parts, states, last_step))
         over = bool(parts.over[0])
-        return Course(
+        return Course.made(
             level_hash=self._level.content_hash,
             max_steps=self._level.max_steps,
             first_step=first_step,
@@ -195,7 +195,7 @@ class Rollouts:
 
     def _score(self) -> float | None:
         score = self._world.score(0)
-        return None if np.isnan(score) else score
+        return None if np.isnan(score) else float(score)
 
     def _piece(
         self, acting: Acting, parts: Parts, states: NDArray[np.float32], last_step: int
@@ -219,7 +219,7 @@ class Rollouts:
             self._arrived_at,
         )
         self._step += steps
-        noted = Decisions(**{name: column[:decisions].copy() for name, column in self._notes._asdict().items()})
+        noted = Decisions.made(**{name: column[:decisions].copy() for name, column in self._notes._asdict().items()})
         return noted, self._rewards[:steps, : len(self._arrived_at)].copy()
 
     def _look_back(self, parts: Parts, *, over: bool) -> NDArray[np.float32]:

@@ -1,15 +1,18 @@
 """How work is handed out and comes back: questions for work, leases, and fragments of episodes."""
 
 import hashlib
-from typing import Annotated, Any, Self
+from types import NoneType
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from common.levels.distributions import LevelName
 from common.records.base import Array, Count, Name, Record
 from common.records.course import Course
+
+PLAIN = {bool, int, float, str, NoneType}  # what is surely no record: to ask pydantic takes longer
 
 
 class Progressed(Record):
@@ -66,8 +69,8 @@ class Fragment(Record):
     course: Course
     circumstances: Circumstances
 
-    @model_validator(mode="after")
-    def _course_answers_lease(self) -> Self:
+    def check(self) -> None:
+        """Raises ValueError for a course that does not answer its lease."""
         lease, course, steps = self.lease, self.course, len(self.course.rewards)
         if course.first_step != lease.first_step:
             raise ValueError(f"course: begins after step {course.first_step}, its lease after {lease.first_step}")
@@ -75,7 +78,6 @@ class Fragment(Record):
             raise ValueError("course: is not over, its lease covers all of it")
         if lease.steps is not None and (steps > lease.steps or (steps < lease.steps and not course.over)):
             raise ValueError(f"course: has {steps} steps, its lease {lease.steps}")
-        return self
 
     @property
     def whole(self) -> bool:
@@ -85,30 +87,28 @@ class Fragment(Record):
     @property
     def digest(self) -> str:
         """Hash of everything but the circumstances: who acted and how long it took."""
-        state = hashlib.blake2b(digest_size=16)
-        _take_in(state, "lease", self.lease)
-        _take_in(state, "course", self.course)
-        return state.hexdigest()
+        content = _content("lease", self.lease) + _content("course", self.course)
+        return hashlib.blake2b(b"".join(content), digest_size=16).hexdigest()
 
 
 def digest_of(record: Record) -> str:
     """Hash of a record: of every field, by its name."""
-    state = hashlib.blake2b(digest_size=16)
-    _take_in(state, "", record)
-    return state.hexdigest()
+    return hashlib.blake2b(b"".join(_content("", record)), digest_size=16).hexdigest()
 
 
-def _take_in(state: Any, name: str, value: Any) -> None:
-    if isinstance(value, Record):
-        for field in type(value).model_fields:
-            _take_in(state, f"{name}.{field}", getattr(value, field))
-        return
-    state.update(f"{name}:".encode())
-    if isinstance(value, np.ndarray):
-        state.update(f"{value.dtype.str}{value.shape}".encode())
-        state.update(np.ascontiguousarray(value).tobytes())
-    else:
-        state.update(repr(value).encode())
+def _content(name: str, record: Record) -> list[bytes]:
+    """Every field of a record, and of those that it is made of: its name and its value."""
+    content = []
+    values = record.__dict__
+    for field in record.names():
+        path, value = f"{name}.{field}", values[field]
+        if type(value) is np.ndarray:
+            content += [f"{path}:{value.dtype.str}{value.shape}".encode(), value.tobytes()]
+        elif type(value) not in PLAIN and isinstance(value, Record):
+            content += _content(path, value)
+        else:
+            content.append(f"{path}:{value!r}".encode())
+    return content
 
 
 class LeaseRequest(Record):

@@ -2,11 +2,11 @@
 
 from collections import namedtuple
 from collections.abc import Sequence
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from common.records.base import Array, Digest, Record
 
@@ -89,22 +89,21 @@ class Course(Record):
     states: Annotated[NDArray[np.float32], Array("float32", ("N", "S"))]
     score: float | None = None
 
-    @model_validator(mode="after")
-    def _indices_hold(self) -> Self:
+    def check(self) -> None:
+        """Raises ValueError for indices out of range."""
+        # In lists: a fragment is short, and numpy's way to the least of a column costs more than the column.
         steps, trains = self.rewards.shape
-        end = self.last_step
-        for field, first, limit in (("times", self.first_step, end), ("trains", 0, trains), ("actions", 0, 5)):
-            values = getattr(self.decisions, field)
-            if values.size and (values.min() < first or values.max() >= limit):
-                raise ValueError(f"decisions.{field}: wants values in {first}..{limit - 1}")
+        first, end = self.first_step, self.first_step + steps
+        if len(self.decisions):
+            _check_range("decisions.times", self.decisions.times, first, end)
+            _check_range("decisions.trains", self.decisions.trains, 0, trains)
+            _check_range("decisions.actions", self.decisions.actions, 0, 5)
         if not 1 <= steps <= self.max_steps - self.first_step or trains < 1:
             most = self.max_steps - self.first_step
             raise ValueError(f"rewards: wants 1..{most} steps of at least one train, got {steps} of {trains}")
-        if self.arrived_at.min() < NONE or self.arrived_at.max() >= end:
-            raise ValueError(f"arrived_at: wants values in -1..{end - 1}")
+        _check_range("arrived_at", self.arrived_at, NONE, end)
         if self.score is not None and not self.over:
             raise ValueError(f"score: {self.score} of an episode that is not over")
-        return self
 
     @property
     def n_trains(self) -> int:
@@ -119,6 +118,12 @@ class Course(Record):
     def normalised_return(self) -> float:
         """The study's measure of the episode so far, whatever was learned from; see `normalised_return`."""
         return normalised_return(self.arrived_at, self.last_step, self.max_steps)
+
+
+def _check_range(name: str, column: NDArray[Any], first: int, end: int) -> None:
+    values = column.tolist()
+    if min(values) < first or max(values) >= end:
+        raise ValueError(f"{name}: wants values in {first}..{end - 1}")
 
 
 def normalised_return(arrived_at: NDArray[np.int32], steps: int, max_steps: int) -> float:

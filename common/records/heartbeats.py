@@ -1,8 +1,8 @@
 """Signs of life, with what each role reports."""
 
-from typing import Annotated, Self
+from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from common.levels.distributions import LevelName
 from common.records.base import Count, Name, Record, Role
@@ -52,8 +52,7 @@ class Heartbeat(Record):
     state: Annotated[str, Field(max_length=64)]
     report: Report | None
 
-    @model_validator(mode="after")
-    def _report_fits_role(self) -> Self:
+    def check(self) -> None:
+        """Raises ValueError for the report of another role."""
         if self.report is not None and not isinstance(self.report, REPORTS.get(self.role, type(None))):
             raise ValueError(f"report: role {self.role} sends no {type(self.report).__name__}")
-        return self

@@ -143,8 +143,8 @@ class Actor:
         begin = time.perf_counter()
         course = self._player.act(lease)
         acting_s, waited_s = time.perf_counter() - begin, begin - self._idle_since
-        circumstances = Circumstances(actor=self._context.name, acting_s=acting_s, waited_s=waited_s)
-        return Fragment(lease=lease, course=course, circumstances=circumstances)
+        circumstances = Circumstances.made(actor=self._context.name, acting_s=acting_s, waited_s=waited_s)
+        return Fragment.made(lease=lease, course=course, circumstances=circumstances)
 
     def _on_step(self) -> None:
         if self._context.stopping.asked:

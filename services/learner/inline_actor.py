@@ -52,5 +52,5 @@ class InlineActor:
             self._network.load(weights[lease.weights_version])
             self._loaded = lease.weights_version
         course = self._player.act(lease)
-        circumstances = Circumstances(actor=NAME, acting_s=time.perf_counter() - begin, waited_s=0.0)
-        return Fragment(lease=lease, course=course, circumstances=circumstances)
+        circumstances = Circumstances.made(actor=NAME, acting_s=time.perf_counter() - begin, waited_s=0.0)
+        return Fragment.made(lease=lease, course=course, circumstances=circumstances)

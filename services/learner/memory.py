@@ -60,4 +60,7 @@ def take_memory(snapshot: Tensors) -> Memory:
 
 def _fragment(body: bytes, before: list[Fragment]) -> Fragment:
     plain = unpack(body)
-    return fragment_of_flat(plain, before) if "lease" not in plain else decode(Fragment, encoding_of(Fragment), body)
+    if not isinstance(plain, dict):
+        return decode(Fragment, encoding_of(Fragment), body)
+    # Before schema 4 arrays were where their fields are, and before 3 all fields were in one mapping.
+    return Fragment.model_validate(plain) if "lease" in plain else fragment_of_flat(plain, before)

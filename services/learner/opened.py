@@ -42,7 +42,7 @@ class OpenEpisode:
             return None
         actions = np.concatenate([fragment.course.decisions.actions for fragment in self.fragments])
         states = self.fragments[-1].course.states
-        return Progressed(fragment=len(self.fragments), first_step=self.steps, actions=actions, states=states)
+        return Progressed.made(fragment=len(self.fragments), first_step=self.steps, actions=actions, states=states)
 
     @property
     def digest(self) -> str:

@@ -17,7 +17,6 @@ from common.rules.policies import PolicySettings, PpoConfig
 from services.learner.experience import Experience
 from services.learner.fused.policy import FusedPolicy, Imitation
 from services.learner.learning import Learning, by_part, means
-from services.learner.replay.transitions import check_order
 from services.learner.returns import decision_returns
 from services.learner.sparse import SparseRows, sparse_rows
 
@@ -91,14 +90,14 @@ class PolicyTrainer:
         self._rule = rule
 
     def train(self, fragment: Fragment) -> dict[str, float]:
-        """Learn from a whole episode.
+        """Learn from a whole episode, whose order `check_order` has passed.
 
         Returns:
             `updates` and `transitions`, how many there were; the means of the metrics of the updates that have
             them; and the metrics of the rule.
 
         Raises:
-            ValueError: the episode is a fragment or does not fit the network, or its decisions are out of order.
+            ValueError: the episode is a fragment or does not fit the network.
             FloatingPointError: training has diverged.
         """
         episode, decisions = fragment.lease.episode, fragment.course.decisions
@@ -107,7 +106,6 @@ class PolicyTrainer:
         n_features = decisions.observations.shape[1]
         if n_features != self._network.n_features:
             raise ValueError(f"episode {episode} has {n_features} features, the network {self._network.n_features}")
-        check_order(fragment)
         rows = self._rule.learn(self._experience(fragment.course)) if len(decisions) else []
         return {
             "updates": float(len(rows)),

@@ -48,14 +48,14 @@ def test_an_episode_without_decisions_is_an_episode():
 @pytest.mark.parametrize(
     ("field", "value", "text"),
     [
-        ("observations", [[1.0]], "wants an array, got list"),
-        ("observations", np.zeros((4, 2)), "wants dtype float32, got float64"),
-        ("observations", np.zeros(8, np.float32), "wants 2 dimensions, got shape (8,)"),
-        ("observations", np.full((4, 2), np.nan, np.float32), "has non-finite numbers"),
-        ("rewards", np.full((3, 2), -np.inf, np.float32), "has non-finite numbers"),
-        ("times", np.zeros(4, np.int64), "wants dtype int32, got int64"),
-        ("times", np.zeros(4, ">i4"), "wants dtype int32, got >i4"),
-        ("times", np.zeros((4, 1), np.int32), "wants 1 dimensions, got shape (4, 1)"),
+        ("observations", [[1.0]], "observations: wants an array, got list"),
+        ("observations", np.zeros((4, 2)), "observations: wants dtype float32, got float64"),
+        ("observations", np.zeros(8, np.float32), "observations: wants 2 dimensions, got shape (8,)"),
+        ("observations", np.full((4, 2), np.nan, np.float32), "observations: has non-finite numbers"),
+        ("rewards", np.full((3, 2), -np.inf, np.float32), "rewards: has non-finite numbers"),
+        ("times", np.zeros(4, np.int64), "times: wants dtype int32, got int64"),
+        ("times", np.zeros(4, ">i4"), "times: wants dtype int32, got >i4"),
+        ("times", np.zeros((4, 1), np.int32), "times: wants 1 dimensions, got shape (4, 1)"),
         ("times", np.zeros(3, np.int32), "times: dimension D is 3 here and 4 before"),
         ("actions", np.zeros(5, np.int8), "actions: dimension D is 5 here and 4 before"),
         ("arrived_at", np.zeros(3, np.int32), "arrived_at: dimension N is 3 here and 2 before"),
@@ -114,6 +114,40 @@ def test_a_course_answers_its_lease(lease, course, text):
         assert fragment_of(lease, course).course is course
     else:
         assert complaint(lambda: fragment_of(lease, course))[1] == f"Value error, {text}"
+
+
+def fields_of(record):
+    return {name: getattr(record, name) for name in type(record).model_fields}
+
+
+def test_what_a_process_made_itself_is_as_if_checked():
+    course = episode().course
+    made = Course.made(**fields_of(course) | {"decisions": Decisions.made(**fields_of(course.decisions))})
+    assert digest_of(made) == digest_of(course)
+    assert made.measured() == course.measured() == {"D": 4, "F": 2, "T": 3, "N": 2, "S": 0}
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "text"),
+    [
+        ("rewards", np.full((3, 2), np.nan, np.float32), "rewards: has non-finite numbers"),
+        ("rewards", np.zeros((3, 2)), "rewards: wants dtype float32, got float64"),
+        ("arrived_at", np.zeros(3, np.int32), "arrived_at: dimension N is 3 here and 2 before"),
+        ("final_observations", np.zeros((2, 3), np.float32), "final_observations: dimension F is 3 here and 2 before"),
+    ],
+)
+def test_arrays_are_looked_at_whoever_made_them(field, value, text):
+    with pytest.raises(ValueError, match=text):
+        Course.made(**fields_of(episode().course) | {field: value})
+
+
+def test_a_record_is_not_checked_anew_within_another(monkeypatch):
+    parts, calls = fields_of(episode()), []
+    monkeypatch.setattr(Course, "check", lambda course: calls.append(course.first_step))
+    Fragment(**parts)
+    assert calls == []
+    Course(**fields_of(parts["course"]))
+    assert len(calls) == 1
 
 
 def test_lengths_agree_across_nested_records():

@@ -119,7 +119,6 @@ def test_ppor_waits_for_a_batch():
     [
         ({"over": False}, "episode 1 is a fragment"),
         ({"observations": np.zeros((40, 7), np.float32)}, "episode 1 has 7 features, the network 6"),
-        ({"times": np.zeros(40, np.int32)}, "not in the order"),
     ],
 )
 def test_an_episode_that_does_not_fit_is_refused(rule, change, message):

@@ -1,10 +1,11 @@
 """What the learner must not forget comes back from a snapshot, also from one that an earlier version wrote."""
 
 import numpy as np
+import pytest
 from made_episodes import cut, make_episode
 from msgpack._cmsgpack import Packer
 
-from common.wire import codec
+from common.wire.arrays import pack_array
 from services.learner.memory import Memory, take_memory
 from services.learner.opened import OpenEpisode
 
@@ -23,6 +24,15 @@ def test_a_memory_comes_back_and_leaves_what_is_not_its_own():
     assert OpenEpisode(memory.opened).digest == OpenEpisode(fragments).digest
 
 
+def packed(plain):
+    return np.frombuffer(bytes(Packer(default=pack_array).pack(plain)), np.uint8)
+
+
+def mapped(fragment):
+    """As schema 3 had it."""
+    return packed(fragment.model_dump())
+
+
 def flat(fragment):
     """As schema 2 had it."""
     lease, course = fragment.lease, dict(fragment.course)
@@ -31,12 +41,13 @@ def flat(fragment):
     numbers = {"fragment": lease.fragment}
     numbers |= {name: getattr(lease, name) for name in ("episode", "level", "level_seed", "weights_version")}
     plain = numbers | course | decisions | dict(fragment.circumstances)
-    return np.frombuffer(bytes(Packer(default=codec._pack_array).pack(plain)), np.uint8)
+    return packed(plain)
 
 
-def test_an_open_episode_of_an_earlier_version_comes_back():
+@pytest.mark.parametrize("earlier", [flat, mapped])
+def test_an_open_episode_of_an_earlier_version_comes_back(earlier):
     fragments = cut(make_episode(3), [7, 20])[:2]
-    memory = take_memory({f"open/{number:06d}": flat(fragment) for number, fragment in enumerate(fragments)})
+    memory = take_memory({f"open/{number:06d}": earlier(fragment) for number, fragment in enumerate(fragments)})
     assert [fragment.lease.unit for fragment in memory.opened] == [(3, 0), (3, 1)]
     ours, theirs = OpenEpisode(memory.opened), OpenEpisode(fragments)
     assert (ours.steps, ours.decisions, ours.reward) == (theirs.steps, theirs.decisions, theirs.reward)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_episodes import STEPS, cut, decided, make_episode
 
-from services.learner.replay.transitions import TransitionMaker
+from services.learner.replay.transitions import TransitionMaker, check_order
 
 
 def make(decisions, rewards, arrived_at, final, discount):
@@ -122,8 +122,9 @@ def test_back_leads_through_all_decisions_of_a_train(number):
     ],
 )
 def test_decisions_that_cannot_be_are_refused(decisions, message):
+    fragment = decided(3, decisions, -np.ones((3, 2)), [1, -1], [0, 0])
     with pytest.raises(ValueError, match=message):
-        make(decisions, -np.ones((3, 2)), [1, -1], [0, 0], discount=0.99)
+        check_order(fragment)
 
 
 def test_only_the_next_fragment_is_taken():
