@@ -195,7 +195,7 @@ class Rollouts:
 
     def _score(self) -> float | None:
         score = self._world.score(0)
-        return None if np.isnan(score) else float(score)
+        return None if np.isnan(score) else score
 
     def _piece(
         self, acting: Acting, parts: Parts, states: NDArray[np.float32], last_step: int
