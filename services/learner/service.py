@@ -124,6 +124,8 @@ class Learner:
             fragment = self._desk.next_ready() or self._act()
             if fragment is None:
                 break
+            if self._config.lag:
+                self._give()  # what may be acted before this is trained
             self._train(fragment)
             self._inbox.take()
             self._give()
