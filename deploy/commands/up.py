@@ -31,7 +31,10 @@ def up(
         str | None, typer.Option(help="Name of levels that ship, or of the run file; default: easy.")
     ] = None,
     actors: Annotated[
-        str | None, typer.Option(help="By level, as easy=2,hard=1, or any=2; default: one a level.")
+        str | None,
+        typer.Option(
+            help="By level, as easy=2,hard=1, or any=2; default: one a level, with lag 0 none: the learner acts."
+        ),
     ] = None,
     episodes: Annotated[int | None, typer.Option(help="Episodes to train; default: 1500.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of everything random; default: 1.")] = None,

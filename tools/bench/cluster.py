@@ -1,8 +1,8 @@
 """What whole clusters do: `railctl bench cluster`.
 
-Every row is a run as a user starts it, `railctl up`, from nothing to its end with its evaluations, at lag 0 with one
-actor, and at a lag with two. Beside it stands the same run in one process without a message (`tools.bench.alone`),
-which must come to the same episodes. Levels are generated as they come, there is no bank.
+Every row is a run as a user starts it, `railctl up`, from nothing to its end with its evaluations: at lag 0 acted by its
+learner and by one actor, and at a lag with two actors. Beside it stands the same run in one process without a message
+(`tools.bench.alone`), which must come to the same episodes. Levels are generated as they come, there is no bank.
 
 It prints one document `{"rows": [...]}` with the fields of `Row`. Rates and shares leave out the first tenth of the
 episodes. The learner's time is learning, publishing, or waiting for actors and messages.
@@ -33,7 +33,7 @@ from tools.bench.processes import Watch
 
 ALGORITHMS = ("dqn", "ddqn", "dddqn", "drqn", "ppo", "ppor", "sil")
 NAME = "bench"
-LAGS = (0, 3)
+KINDS = ((0, 0), (0, 1), (3, 2))  # lag and actors
 SPENT = (
     *("learning_s", "publishing_s", "learner_waited_s", "acting_s", "fragments"),
     *("messages", "message_bytes"),
@@ -64,7 +64,7 @@ class Row:
     """A run.
 
     Attributes:
-        name: algorithm, level and lag.
+        name: algorithm, level, lag and actors.
         start_s: from the command to the first trained episode.
         end_s: from the last trained episode to the end of the command.
         wall_s: of the command.
@@ -110,16 +110,15 @@ def _railctl(folder: str, *arguments: str) -> None:
         raise DisagreementError(f"the run failed: {done.stderr.strip() or done.stdout.strip()}")
 
 
-def options(algorithm: str, level: str, lag: int, episodes: int) -> list[str]:
+def options(algorithm: str, level: str, lag: int, actors: int, episodes: int) -> list[str]:
     """What `railctl up` is told."""
-    actors = min(lag, 1) + 1
     return [
         *("--algorithm", algorithm, "--level", level, "--lag", str(lag), "--actors", f"{level}={actors}"),
         *("--episodes", str(episodes), "--seed", "1", "--name", NAME),
     ]
 
 
-def run_cluster(algorithm: str, level: str, lag: int, episodes: int) -> Row:
+def run_cluster(algorithm: str, level: str, lag: int, actors: int, episodes: int) -> Row:
     """Run a cluster and the same run alone.
 
     Raises:
@@ -128,7 +127,7 @@ def run_cluster(algorithm: str, level: str, lag: int, episodes: int) -> Row:
     with tempfile.TemporaryDirectory(prefix="railctl-bench-") as folder:
         began = time.time()
         with Watch(folder) as watch:
-            _railctl(folder, "up", *options(algorithm, level, lag, episodes))
+            _railctl(folder, "up", *options(algorithm, level, lag, actors, episodes))
         wall_s = time.time() - began
         run = RunFolder(Path(folder) / NAME)
         rows, metrics = read_rows(run.episodes_file, EpisodeRow), read_rows(run.metrics_file, MetricRow)
@@ -159,7 +158,10 @@ def run_cluster(algorithm: str, level: str, lag: int, episodes: int) -> Row:
         "cpu_ms": 1e3 * watch.cpu_s / episodes,
         "memory_mib": watch.peak_bytes / 2**20,
     }
-    return Row(f"{algorithm} {level} lag {lag}", **{name: float(f"{value:.4g}") for name, value in figures.items()})
+    return Row(
+        f"{algorithm} {level} lag {lag}, actors {actors}",
+        **{name: float(f"{value:.4g}") for name, value in figures.items()},
+    )
 
 
 def show(rows: Sequence[Row]) -> None:
@@ -186,9 +188,10 @@ def main() -> None:
     names = chosen.algorithm or ALGORITHMS
     rows: list[Row] = []
     try:
-        for number, (name, lag) in enumerate((name, lag) for name in names for lag in LAGS):
-            print(f"{number} of {len(names) * len(LAGS)} runs: {name}, lag {lag}", file=sys.stderr, flush=True)  # noqa: T201
-            rows.append(run_cluster(name, chosen.level, lag, chosen.episodes))
+        for number, (name, (lag, actors)) in enumerate((name, kind) for name in names for kind in KINDS):
+            told = f"{number} of {len(names) * len(KINDS)} runs: {name}, lag {lag}, actors {actors}"
+            print(told, file=sys.stderr, flush=True)  # noqa: T201
+            rows.append(run_cluster(name, chosen.level, lag, actors, chosen.episodes))
     except DisagreementError as error:
         print(f"railctl: {error}", file=sys.stderr)  # noqa: T201
         sys.exit(FAILED)
