@@ -1,8 +1,8 @@
 """What whole clusters do: `railctl bench cluster`.
 
-Every row is a run as a user starts it, `railctl up`, from nothing to its end with its evaluations: at lag 0 acted by its
-learner and by one actor, and at a lag with two actors. Beside it stands the same run in one process without a message
-(`tools.bench.alone`), which must come to the same episodes. Levels are generated as they come, there is no bank.
+Every row is a run as a user starts it, `railctl up`, from nothing to its end with its evaluations: at lag 0 acted by
+its learner and by one actor, and at a lag with two actors. Beside it stands the same run in one process without a
+message (`tools.bench.alone`), which must come to the same episodes. Levels are generated as they come, without a bank.
 
 It prints one document `{"rows": [...]}` with the fields of `Row`. Rates and shares leave out the first tenth of the
 episodes. The learner's time is learning, publishing, or waiting for actors and messages.

@@ -48,7 +48,7 @@ class Wire:
     traffic = Traffic()
 
     def __init__(self):
-        self.inbox = Inbox()
+        self.inbox, self.heard = Inbox(), []
         self.served, self.on_fragment, self.on_alive = {}, None, None
 
     def into(self, handle):
@@ -56,6 +56,9 @@ class Wire:
 
     def publish(self, _topic, _record):
         pass
+
+    def publisher(self, _topic):
+        return self.heard.append
 
     def serve(self, service, on_question):
         self.served[service] = self.into(on_question)

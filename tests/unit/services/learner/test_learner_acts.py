@@ -1,0 +1,74 @@
+"""A learner without actors acts itself, hands over when one comes, and goes on when it has gone."""
+
+from test_learner_restart import Cluster, config
+
+from common.folder import RunFolder
+from common.levels.supply import LevelSupply
+from common.wire.keys import Alive
+from services.learner.inline_actor import NAME, InlineActor
+
+EPISODES = 3
+
+
+def serial():
+    return config(0, cluster={"actors": {}}, episodes=EPISODES, fragment_steps=100)
+
+
+def begun(folder):
+    folder.mkdir()
+    return Cluster(RunFolder(folder), serial())
+
+
+def digests(cluster):
+    return [row.digest for row in cluster.rows()]
+
+
+def test_acting_goes_to_an_actor_within_an_episode_and_back(tmp_path):
+    undisturbed = begun(tmp_path / "undisturbed")
+    undisturbed.learner.turn()  # it asks itself
+    undisturbed.learner.turn()
+    fragments = undisturbed.wire.heard
+    undisturbed.learner.close()
+    assert len(digests(undisturbed)) == EPISODES
+    middle = next(number for number, fragment in enumerate(fragments) if fragment.lease.fragment == 1)
+
+    cluster = begun(tmp_path / "disturbed")
+    train, heard = cluster.learner._trainer.train, cluster.wire.heard
+
+    def come_meanwhile(fragment):
+        if len(heard) == middle:
+            cluster.come("one")
+        return train(fragment)
+
+    cluster.learner._trainer.train = come_meanwhile
+    cluster.learner.turn()
+    cluster.learner.turn()
+    assert len(heard) == middle
+    lease = cluster.lease("one")
+    assert lease.unit == fragments[middle].lease.unit
+    actor = InlineActor(serial(), LevelSupply(serial().world.levels))
+    fragment = actor.act(lease, {lease.weights_version: cluster.weights(lease.weights_version).tensors})
+    assert fragment.digest == fragments[middle].digest
+    circumstances = fragment.circumstances.model_copy(update={"actor": "one"})
+    cluster.bring(fragment.model_copy(update={"circumstances": circumstances}))
+    assert len(heard) == middle
+
+    cluster.wire.on_alive(Alive("actor", "one", "one"), False)
+    cluster.learner.turn()
+    cluster.learner.turn()
+    cluster.learner.close()
+    assert digests(cluster) == digests(undisturbed)
+    assert {fragment.circumstances.actor for fragment in heard} == {NAME}
+    assert [fragment.lease.unit for fragment in [*heard[:middle], fragments[middle], *heard[middle:]]] == [
+        fragment.lease.unit for fragment in fragments
+    ]
+
+
+def test_a_paused_learner_acts_nothing(tmp_path):
+    folder = RunFolder(tmp_path)
+    folder.paused_file.touch()
+    cluster = Cluster(folder, serial())
+    for _ in range(3):
+        cluster.learner.turn()
+    assert cluster.wire.heard == []
+    cluster.learner.close()
