@@ -74,7 +74,7 @@ class RunConfig(Strict):
             for level in self.mix:
                 if level not in actors:
                     raise ValueError(f"no actors for level {level}: add --actors {level}=1")
-        for name in actors:
+        for name in actors or self.cluster.actors:
             if name != ANY and name not in self.mix:
                 known = ", ".join(self.mix)
                 raise ValueError(f"actors for level {name}, which this run does not have: it has {known}")

@@ -188,8 +188,7 @@ def test_a_key_that_is_no_text_is_named():
         ({}, {"any": 1}, "mix names no levels: write for example mix: {easy: 1}"),
         ({"easy": 0.5, "hard": 0.25}, {"any": 1}, "the shares of mix add up to 0.75: make it 1"),
         ({"easy": 0.75, "hard": 0.75}, {"any": 1}, "the shares of mix add up to 1.5: make it 1"),
-        ({"easy": 1}, {}, "no actors for level easy: add --actors easy=1"),
-        ({"easy": 1}, {"easy": 0}, "no actors for level easy: add --actors easy=1"),
+        ({"easy": 1}, {"hard": 0}, "actors for level hard, which this run does not have: it has easy"),
         ({"easy": 0.5, "hard": 0.5}, {"easy": 2}, "no actors for level hard: add --actors hard=1"),
         (
             {"easy": 0.5, "hard": 0.5},
@@ -207,12 +206,14 @@ def test_mix_and_actors_must_fit_together(mix, actors, text):
     ("mix", "actors"),
     [
         ({"easy": 1}, {"any": 1}),
+        ({"easy": 1}, {}),
+        ({"easy": 1}, {"easy": 0, "any": 0}),
         ({"easy": 1}, {"easy": 1, "hard": 0}),
         ({"easy": 0.1, "medium": 0.2, "hard": 0.7}, {"easy": 1, "medium": 3, "hard": 1}),
         ({"easy": 0.5, "hard": 0.5}, {"any": 1, "hard": 2}),
     ],
 )
-def test_mixes_that_somebody_serves_are_taken(mix, actors):
+def test_mixes_that_somebody_or_nobody_serves_are_taken(mix, actors):
     config = parse_config(plain({"mix": mix, "cluster.actors": actors}))
     assert (config.mix, config.cluster.actors) == (mix, actors)
 

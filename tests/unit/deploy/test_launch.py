@@ -274,7 +274,7 @@ def test_starting_returns_when_the_supervisor_has_its_place(run, supervisor):
     assert options["start_new_session"]  # Ctrl-C in the terminal is not for it
     assert options["env"]["OMP_NUM_THREADS"] == "1"
     assert not run.outcome_file.exists()  # of the time before
-    assert json.loads(run.cluster_file.read_text())["actors"] == {"easy": 1}
+    assert json.loads(run.cluster_file.read_text())["actors"] == {"easy": 0}
 
 
 def test_a_supervisor_that_ends_at_once_is_a_failure_with_its_last_words(run, supervisor):

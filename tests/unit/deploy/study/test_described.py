@@ -100,7 +100,7 @@ def test_a_study_may_have_levels_of_its_own():
         "rush": ["rush"],
     }
     rush = configs[PlannedRun("dddqn", "rush", 4)]
-    assert (rush.world.bounds, rush.cluster.actors) == ((30, 40, 20), {"rush": 1})
+    assert (rush.world.bounds, rush.cluster.actors) == ((30, 40, 20), {"rush": 0})
     folder = StudyFolder(runs_root() / "small")
     save_study(folder, given)
     assert configurations(read_study(folder.study_file), 1) == configs
