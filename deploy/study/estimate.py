@@ -18,8 +18,10 @@ from deploy.follow import outcome_of
 from deploy.study.calibration import Figures, kept
 from deploy.study.progress import RunProgress, StudyProgress
 
-MESSAGES_S = 0.004  # of a fragment, beside acting it and learning from it, where two runs share two cores
-STARTING_S = 6.0  # a cluster, until its first episode, and from its last one to its end
+BESIDE_S = (
+    0.0015  # of a fragment, beside acting it and learning from it: weights, rows, snapshots; two runs on two cores
+)
+STARTING_S = 5.0  # a cluster, until its first episode, and from its last one to its end
 SCORING_STARTS_S = 4.0  # a process that scores a network, until its first level
 INTERRUPTION_S = 60.0  # between two episodes: the run was not going on
 
@@ -61,7 +63,7 @@ def measured(folder: StudyFolder, progress: StudyProgress) -> dict[Cell, Rate]:
 def expected(figures: Figures) -> Rate:
     """What a run takes of which there are but figures without messages."""
     return Rate(
-        episode_s=figures.episode_s + figures.fragments * MESSAGES_S,
+        episode_s=figures.episode_s + figures.fragments * BESIDE_S,
         level_s=figures.level_s,
         run_bytes=figures.run_bytes,
         source="calibration",

@@ -1,13 +1,15 @@
 """python -m tools.bench.rates FILE: what runs take in one process without messages, for `railctl study plan`.
 
 FILE holds {"bank": folder of generated levels, "runs": {name: configuration}} in JSON. Of each run episodes are trained
-for a third of a second, then a few levels are scored. The result has for each name `episode_s`, how many
-`episodes` that comes from, `fragments` an episode, `level_s`, and `checkpoint_bytes`.
+for two seconds, then a few levels are scored. The result has for each name `episode_s`, how many `episodes` that comes
+from, `fragments` an episode, `level_s`, and `checkpoint_bytes`. Episodes get shorter as trains learn to arrive: the rest
+of a run is taken to go on as the last third of what was trained.
 """
 
 import json
 import sys
 import time
+from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 
@@ -19,7 +21,7 @@ from common.task import Teller, carry_out, say
 from tools.bench.alone import Alone
 
 WARM_UP = 2  # episodes that do not count
-COUNTED_S = 0.3  # of training, at least
+COUNTED_S = 2.0  # of training, at least
 COUNTED = 3  # episodes, at least
 LEVELS = 5  # scored, the first of which does not count
 
@@ -31,20 +33,33 @@ def rates(config: RunConfig, bank: Path) -> dict[str, float]:
     episodes = alone.train()
     for _ in islice(episodes, min(WARM_UP, config.episodes - 1)):
         pass
-    begun, before, count = time.perf_counter(), alone.version, 0
+    begun = time.perf_counter()
+    ends_s, versions = [0.0], [alone.version]
     for _ in episodes:
-        count += 1
-        took_s = time.perf_counter() - begun
-        if took_s >= COUNTED_S and count >= COUNTED:
+        ends_s.append(time.perf_counter() - begun)
+        versions.append(alone.version)
+        if ends_s[-1] >= COUNTED_S and len(ends_s) > COUNTED:
             break
     weights = alone.weights()
     return {
-        "episode_s": took_s / count,
-        "episodes": count,
-        "fragments": (alone.version - before) / count,
+        "episode_s": whole_mean(ends_s, config.episodes),
+        "episodes": len(ends_s) - 1,
+        "fragments": whole_mean(versions, config.episodes),
         "level_s": level_seconds(config, supply, weights),
         "checkpoint_bytes": sum(array.nbytes for array in weights.values()),
     }
+
+
+def whole_mean(sums: Sequence[float], episodes: int) -> float:
+    """The mean of what so many episodes take, from sums before and after each of the first ones.
+
+    >>> whole_mean([0, 4, 7, 8], 10)  # 4, 3, 1, and seven times 1
+    1.5
+    """
+    counted = len(sums) - 1
+    last = -(-counted // 3)
+    rate = (sums[-1] - sums[-1 - last]) / last
+    return (sums[-1] - sums[0] + max(0, episodes - counted) * rate) / max(episodes, counted)
 
 
 def level_seconds(config: RunConfig, supply: LevelSupply, weights: Arrays) -> float:

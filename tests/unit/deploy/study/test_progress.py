@@ -9,7 +9,7 @@ from common.folder import RunFolder
 from common.locks import sole
 from deploy.study.described import save_study
 from deploy.study.estimate import (
-    MESSAGES_S,
+    BESIDE_S,
     SCORING_STARTS_S,
     STARTING_S,
     Rate,
@@ -109,7 +109,7 @@ def test_rates_are_those_of_a_run_that_is_over_or_of_the_short_one(folder, made_
     rates = measured(folder, Looking(folder, STUDY).look())
     rows = over.episodes_file.stat().st_size  # nothing else was made
     assert rates == {
-        ("dqn", "easy"): Rate(1.0 + 10 * MESSAGES_S, 0.2, 7, "calibration", 5),
+        ("dqn", "easy"): Rate(1.0 + 10 * BESIDE_S, 0.2, 7, "calibration", 5),
         ("ppo", "easy"): Rate(2.0, 0.1, rows, "run", 30),
     }
 

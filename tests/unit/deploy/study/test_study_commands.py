@@ -18,7 +18,7 @@ from deploy.study import calibration
 from deploy.study.calibration import REST_BYTES, ROWS_BYTES
 from deploy.study.described import configurations, save_study
 from deploy.study.dispatcher import Dispatcher, Ended
-from deploy.study.estimate import MESSAGES_S
+from deploy.study.estimate import BESIDE_S
 from deploy.study.levels import missing_levels
 from deploy.study.runner import Runner
 from deploy.study.view import StudyView
@@ -147,7 +147,7 @@ def test_what_was_measured_is_kept_until_the_description_changes(folder, railctl
     first = json.loads(railctl("plan", "made", "--cores", "1", "--json"))
     [cell] = first["cells"]
     assert (first["measured_now"], cell["measured_on"], cell["measured_episodes"]) == (1, "calibration", 5)
-    assert cell["episode_s"] == pytest.approx(1.0 + 2 * MESSAGES_S)
+    assert cell["episode_s"] == pytest.approx(1.0 + 2 * BESIDE_S)
     assert cell["run_bytes"] == 30 * ROWS_BYTES + 100 + REST_BYTES
     measurer("raise SystemExit('measured again')")
     again = railctl("plan", "made", "--cores", "1")
