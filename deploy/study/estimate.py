@@ -22,7 +22,7 @@ BESIDE_S = (
     0.0015  # of a fragment, beside acting it and learning from it: weights, rows, snapshots; two runs on two cores
 )
 STARTING_S = 5.0  # a cluster, until its first episode, and from its last one to its end
-SCORING_STARTS_S = 4.0  # a process that scores a network, until its first level
+SCORING_STARTS_S = 3.0  # a process that scores a network, until its first level
 INTERRUPTION_S = 60.0  # between two episodes: the run was not going on
 
 Cell = tuple[str, str]  # contender and level

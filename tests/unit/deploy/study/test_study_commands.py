@@ -18,7 +18,7 @@ from deploy.study import calibration
 from deploy.study.calibration import REST_BYTES, ROWS_BYTES
 from deploy.study.described import configurations, save_study
 from deploy.study.dispatcher import Dispatcher, Ended
-from deploy.study.estimate import BESIDE_S
+from deploy.study.estimate import BESIDE_S, SCORING_STARTS_S, STARTING_S
 from deploy.study.levels import missing_levels
 from deploy.study.runner import Runner
 from deploy.study.view import StudyView
@@ -92,14 +92,14 @@ def test_a_plan_adds_up(folder, railctl, made_run, tmp_path):
     document = json.loads(railctl("plan", "made", "--cores", "1", "--json"))
     [cell] = document["cells"]
     assert (cell["episode_s"], cell["measured_on"]) == (2.0, "run")
-    assert cell["run_s"] == pytest.approx(6 + 30 * 2 + 4 + 60 * 0.1)
-    assert document["expected_s"] == pytest.approx(cell["run_s"] + 4 + 60 * 0.1)  # one is trained, and not scored
+    assert cell["run_s"] == pytest.approx(STARTING_S + 30 * 2 + SCORING_STARTS_S + 60 * 0.1)
+    assert document["expected_s"] == pytest.approx(cell["run_s"] + SCORING_STARTS_S + 60 * 0.1)  # one is trained, and not scored
     assert document["disk_bytes"] == 2 * cell["run_bytes"]
     assert document["levels_to_generate"] == {"easy": 2 * 30 + 60}
     said = railctl("plan", "made", "--cores", "1")
     assert "made: 1 contenders x 1 levels x 2 seeds = 2 runs of 30 episodes, 0 done" in said
     assert "levels to generate: 120 easy" in said
-    assert "expected: 1:26 on 1 cores" in said
+    assert "expected: 1:23 on 1 cores" in said
     assert "dqn" in said
 
 
@@ -113,7 +113,7 @@ def test_status_shows_what_there_is(folder, railctl, made_run):
     folder.evaluation(FIRST).write_text("{}")
     made_run(folder, STUDY, SECOND, 7, "failed")
     lines = railctl("status", "made").splitlines()
-    assert lines[0].startswith("made: 1 of 2 runs done, 1 failed, 37 of 60 episodes, 1:02 left")
+    assert lines[0].startswith("made: 1 of 2 runs done, 1 failed, 37 of 60 episodes, 1:01 left")
     assert lines[2].split() == ["dqn", "easy", "1/2", "-", "-", "1", "37"]
     assert lines[3:] == [
         "references: 0 of 1 scored",
