@@ -1,9 +1,9 @@
 """python -m tools.bench.rates FILE: what runs take in one process without messages, for `railctl study plan`.
 
 FILE holds {"bank": folder of generated levels, "runs": {name: configuration}} in JSON. Of each run episodes are
-trained for two seconds, then a few levels are scored. The result has for each name `episode_s`, how many `episodes` that comes
-from, `fragments` an episode, `level_s`, and `checkpoint_bytes`. Episodes get shorter as trains learn to arrive: the rest
-of a run is taken to go on as the last third of what was trained.
+trained for two seconds, then a few levels are scored. The result has for each name `episode_s`, how many `episodes`
+that comes from, `fragments` an episode, `level_s`, and `checkpoint_bytes`. Episodes get shorter as trains learn to
+arrive: the rest of a run is taken to go on as the last third of what was trained.
 """
 
 import json

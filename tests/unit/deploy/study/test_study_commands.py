@@ -113,7 +113,7 @@ def test_status_shows_what_there_is(folder, railctl, made_run):
     folder.evaluation(FIRST).write_text("{}")
     made_run(folder, STUDY, SECOND, 7, "failed")
     lines = railctl("status", "made").splitlines()
-    assert lines[0].startswith("made: 1 of 2 runs done, 1 failed, 37 of 60 episodes, 1:01 left")
+    assert lines[0].startswith("made: 1 of 2 runs done, 1 failed, 37 of 60 episodes, 1:00 left")
     assert lines[2].split() == ["dqn", "easy", "1/2", "-", "-", "1", "37"]
     assert lines[3:] == [
         "references: 0 of 1 scored",
