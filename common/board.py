@@ -109,7 +109,9 @@ class Board:
 
     def _write(self, version: int, flat: NDArray[np.float32]) -> None:
         parts: Any = (self._head, flat, self._tail)  # numpy's stubs know no buffers
-        if os.pwritev(self._file, parts, self._slots.start(version)) != self._slots.slot_bytes:
+        start, size = self._slots.start(version), self._slots.slot_bytes
+        if (written := os.pwritev(self._file, parts, start)) != size:
+            os.pwrite(self._file, bytes(size - written), start + written)  # what did not fit says why
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 

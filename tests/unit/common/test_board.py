@@ -1,6 +1,7 @@
 """Weights come off a board as they were put there, or not at all."""
 
 import os
+import resource
 import threading
 
 import numpy as np
@@ -186,6 +187,19 @@ def test_what_is_no_board_has_nothing(path, reader, damage):
     path.write_bytes(damage(good))
     reader.close()
     assert reader.get(0) is None
+
+
+def test_what_fits_in_part_is_an_error_that_says_why(path, reader):
+    board = Board(path, {"w": np.zeros(100_000, np.float32)}, 1)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, before[1]))  # within the slot
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            board.put(7, {"w": np.ones(100_000, np.float32)})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert reader.get(7) is None
+    board.close()
 
 
 def test_a_full_disk_is_an_error_and_no_torn_board(path, monkeypatch):
