@@ -25,7 +25,7 @@ RAILCTL = Path(sys.executable).with_name("railctl")
 PATIENCE_S = 300.0
 EPISODES = 40
 OPTIONS = (
-    f"--level easy --actors easy=1 --episodes {EPISODES} --seed 7 --set evaluation.every_episodes=20 "
+    f"--level easy --episodes {EPISODES} --seed 7 --set evaluation.every_episodes=20 "
     "--set evaluation.levels=2 --set cluster.snapshot_every_episodes=4"
 ).split()
 DQN_OPTIONS = ["--set", "dqn.batch_size=32", "--set", "dqn.learn_every_steps=8", "--set", "fragment_steps=100"]
@@ -188,7 +188,7 @@ def tail(clusters: Clusters) -> Iterator[Callable[[str], Tail]]:
 @pytest.fixture(scope="session")
 def undisturbed(clusters: Clusters) -> list[dict]:
     """The curve of the small run that its learner acts, and nothing killed."""
-    output = clusters.up("undisturbed", "--actors", "easy=0").stdout
+    output = clusters.up("undisturbed").stdout
     assert "Summary" in output
     assert clusters.folder("undisturbed").curve_file.exists()
     curve = clusters.curve("undisturbed")

@@ -11,7 +11,7 @@ from common.locks import living
 
 
 def test_pause_scale_resume_checkpoint_down_up(clusters, undisturbed, tail):
-    clusters.up("handled", "--actors", "easy=0", "--detach")
+    clusters.up("handled", "--detach")
     rows = tail("handled")
     rows.until(2)
     clusters.pause("handled")

@@ -37,7 +37,7 @@ def home(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def alone(clusters, home):
-    """The curve of one actor, started in that folder."""
+    """The curve of a run that its learner acts, started in that folder."""
     clusters.railctl("up", "-f", "tidal.yaml", "--name", "tidal", cwd=home)
     curve = clusters.curve("tidal")
     assert [row["episode"] for row in curve] == [*range(16), 8, 16]

@@ -63,7 +63,7 @@ def test_killing_everything_one_after_another_changes_nothing(clusters, undistur
 
 
 def test_a_learner_that_acts_itself_and_is_killed_gives_the_same_curve(clusters, undisturbed, tail):
-    clusters.up("itself", "--actors", "easy=0", "--detach")
+    clusters.up("itself", "--detach")
     rows = tail("itself")
     for episodes in (3, 9):
         rows.until(episodes)
@@ -103,7 +103,7 @@ def test_every_algorithm_goes_on_from_its_snapshots_as_if_nothing_had_happened(c
 
 @pytest.mark.slow
 def test_a_hung_actor_is_killed_and_replaced(clusters, undisturbed, tail):
-    clusters.up("hung", "--set", "cluster.hang_timeout_s=5", "--detach")
+    clusters.up("hung", "--actors", "easy=1", "--set", "cluster.hang_timeout_s=5", "--detach")
     rows = tail("hung")
     rows.until(2)
     before = living(clusters.folder("hung"))["actor-easy-0"]
