@@ -207,6 +207,11 @@ class Learner:
     # What is acted here
 
     @property
+    def _acts(self) -> bool:
+        """There is nobody else to act."""
+        return self._inline is not None and not self._actors
+
+    @property
     def _acts_next(self) -> bool:
         return self._inline is not None and self._inline.lease is not None and not self._paused
 
@@ -277,7 +282,7 @@ class Learner:
 
     def _give(self) -> None:
         now = time.monotonic()
-        if self._inline is not None and not (self._actors or self._inline.asks):
+        if self._inline is not None and self._acts and not self._inline.asks:
             self._inline.asks = True
             self._send(self._desk.ask(self._inline, REQUEST, now))
         self._send(self._desk.give(now, paused=self._paused))
@@ -322,7 +327,7 @@ class Learner:
         return LearnerReport(
             done=ledger.trained,
             leased=ledger.leased,
-            waiting=ledger.waiting(),
+            waiting={} if self._acts else ledger.waiting(),  # for an actor
             weights_version=ledger.version,
             snapshot=self._archive.snapshot,
             checkpoints=len(self._archive.checkpoints(ledger.trained)),

@@ -71,4 +71,5 @@ def test_a_paused_learner_acts_nothing(tmp_path):
     for _ in range(3):
         cluster.learner.turn()
     assert cluster.wire.heard == []
+    assert cluster.report.waiting == {}  # for an actor
     cluster.learner.close()
