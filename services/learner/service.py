@@ -147,14 +147,14 @@ class Learner:
             return
         log.info("%s %s %s", alive.process, alive.incarnation, "came" if there else "is gone")
         if there:
-            if self._inline is not None and not self._actors:
+            if self._acts:
                 self._send(self._desk.actor_gone(NAME))
             self._actors.add(alive.incarnation)
             self._desk.actor_came(alive.process, alive.incarnation)
         else:
             self._actors.discard(alive.incarnation)
             self._send(self._desk.actor_gone(alive.incarnation))
-            if self._inline is not None and not self._actors:
+            if self._acts:
                 self._desk.actor_came(NAME, NAME)
 
     def _on_fragment(self, fragment: Fragment) -> None:
