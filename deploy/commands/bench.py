@@ -22,13 +22,14 @@ BENCHES = {
     "learner": "tools.bench.learner",
     "replay": "tools.bench.replay",
     "cluster": "tools.bench.cluster",
+    "loop": "tools.bench.loop",
 }
 WITH_WORLDS = ("world", "policy", "levels")  # that play so many worlds, or make so many levels
 TAKES = {
-    "repeats": (*WITH_WORLDS, "learner", "replay"),
+    "repeats": (*WITH_WORLDS, "learner", "replay", "loop"),
     "worlds": WITH_WORLDS,
-    "episodes": ("cluster",),
-    "level": ("cluster",),
+    "episodes": ("cluster", "loop"),
+    "level": ("cluster", "loop"),
     "algorithm": ("cluster",),
 }
 INTERRUPTED = 130  # as shells say it
@@ -38,18 +39,21 @@ LOOK_S = 0.1
 @one_line_errors
 def bench(
     what: Annotated[str, typer.Argument(metavar="WHAT", help=f"One of {', '.join(BENCHES)}.")],
-    repeats: Annotated[int | None, typer.Option(help="Repeats, whose medians are taken; default: 5.")] = None,
+    repeats: Annotated[
+        int | None, typer.Option(help="Repeats, whose medians are taken; default: 5, of loop 3.")
+    ] = None,
     worlds: Annotated[
         int | None, typer.Option(help=f"In a repeat, of {', '.join(WITH_WORLDS)}; default: each one's own.")
     ] = None,
-    episodes: Annotated[int | None, typer.Option(help="Of each run of cluster; default: 300.")] = None,
-    level: Annotated[str | None, typer.Option(help="Of the runs of cluster; default: easy.")] = None,
+    episodes: Annotated[int | None, typer.Option(help="Of each run of cluster or loop; default: 300 or 40.")] = None,
+    level: Annotated[str | None, typer.Option(help="Of the runs of cluster or loop; default: easy.")] = None,
     algorithm: Annotated[list[str] | None, typer.Option(help="Of cluster; may be repeated; default: all.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure ours beside others: same work, one process, one core; a ratio above 1 says that ours is better.
 
-    cluster runs whole clusters beside the same work in one process without messages.
+    cluster runs whole clusters beside the same work in one process without messages, loop whole runs beside a plain
+    loop over flatland-rl and torch.
     """
     if what not in BENCHES:
         raise ConfigError(f"unknown benchmark {what!r}{nearest(what, list(BENCHES))}")

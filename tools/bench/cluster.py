@@ -97,14 +97,14 @@ class Row:
     memory_mib: float
 
 
-def _railctl(folder: str, *arguments: str) -> None:
+def railctl(folder: str, *arguments: str) -> None:
     """Run a command to its end; whatever ends this process ends the run, too."""
-    railctl = str(Path(sys.executable).with_name("railctl"))
+    command = str(Path(sys.executable).with_name("railctl"))
     environment = os.environ | {"RAILCTL_RUNS": folder, "RAILCTL_LEVELS": f"{folder}/.levels"}  # no bank of the user's
     try:
-        done = subprocess.run((railctl, *arguments), env=environment, capture_output=True, text=True, check=False)
+        done = subprocess.run((command, *arguments), env=environment, capture_output=True, text=True, check=False)
     except BaseException:
-        subprocess.run((railctl, "down", NAME, "--force"), env=environment, capture_output=True, check=False)
+        subprocess.run((command, "down", NAME, "--force"), env=environment, capture_output=True, check=False)
         raise
     if done.returncode:
         raise DisagreementError(f"the run failed: {done.stderr.strip() or done.stdout.strip()}")
@@ -128,7 +128,7 @@ def run_cluster(algorithm: str, level: str, lag: int, episodes: int) -> Row:
     with tempfile.TemporaryDirectory(prefix="railctl-bench-") as folder:
         began = time.time()
         with Watch(folder) as watch:
-            _railctl(folder, "up", *options(algorithm, level, lag, episodes))
+            railctl(folder, "up", *options(algorithm, level, lag, episodes))
         wall_s = time.time() - began
         run = RunFolder(Path(folder) / NAME)
         rows, metrics = read_rows(run.episodes_file, EpisodeRow), read_rows(run.metrics_file, MetricRow)

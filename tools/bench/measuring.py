@@ -1,8 +1,8 @@
 """What all benchmarks share: both sides do the same work in turn, in one process, and must agree on what comes out.
 
 A benchmark is a module with a function that gives its `Comparison`s, and a `main` that hands it to `run`. It prints one
-document `{"rows": [{"name", "unit", "ours", "theirs", "ratio", "repeats"}]}`: medians over the repeats, less is better,
-and a ratio above 1 says that ours is better.
+document `{"rows": [{"name", "unit", "ours", "theirs", "ratio", "repeats"}]}`: medians over the repeats, less is better
+unless the unit is a rate, `.../s`, and a ratio above 1 says that ours is better.
 """
 
 import argparse
@@ -43,12 +43,16 @@ class Row:
 
 
 class Sample(NamedTuple):
-    """What both needed in one repeat, in `unit`; less is better."""
+    """What both needed in one repeat, in `unit`, of which less is better; or a rate, of which more is."""
 
     name: str
     unit: str
     ours: float
     theirs: float
+
+    @property
+    def is_rate(self) -> bool:
+        return self.unit.endswith("/s")
 
 
 @dataclass(frozen=True)
@@ -89,7 +93,8 @@ def measure(comparisons: Sequence[Comparison], repeats: int, tell: Tell = lambda
 def row_of(samples: Sequence[Sample]) -> Row:
     """The medians of repeats, to four digits."""
     ours, theirs = median(sample.ours for sample in samples), median(sample.theirs for sample in samples)
-    rounded = [float(f"{number:.4g}") for number in (ours, theirs, theirs / ours)]
+    ratio = ours / theirs if samples[0].is_rate else theirs / ours
+    rounded = [float(f"{number:.4g}") for number in (ours, theirs, ratio)]
     return Row(samples[0].name, samples[0].unit, rounded[0], rounded[1], rounded[2], len(samples))
 
 

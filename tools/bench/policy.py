@@ -115,15 +115,7 @@ class TheirPlayer:
         Raises:
             DisagreementError: some reward is another than in the script.
         """
-        env: Any = plain_environment(
-            script.level,
-            TreeObsForRailEnv(DEPTH),
-            rewards=StudyRewards(),
-            effects_generator=StartReady(),
-            acceleration_delta=Fraction(1),  # the default, a float, is converted in every step
-            braking_delta=Fraction(-1),
-            random_seed=0,
-        )
+        env = study_environment(script.level)
         resetting, (seen, _) = timed(env.reset)
         playing, rewards = timed(lambda: self._loop(env, seen, script))
         forget_rails()
@@ -136,16 +128,35 @@ class TheirPlayer:
         rewards = []
         for deciding, orders in zip(script.deciding, script.orders, strict=True):
             if deciding:
-                self._choose([seen[train] for train in deciding])
+                choose(self._network, observed([seen[train] for train in deciding]), EPSILON, self._random)
             seen, gained, _, _ = env.step(orders)
             rewards.append(gained)
         return rewards
 
-    def _choose(self, trees: Sequence[Any]) -> list[int]:
-        observations = np.stack([normalise(flattened(tree)) for tree in trees])
-        with torch.no_grad():
-            best = self._network(torch.from_numpy(observations)).argmax(dim=1).tolist()
-        return [self._random.randrange(N_ACTIONS) if self._random.random() < EPSILON else action for action in best]
+
+def study_environment(level: Level) -> Any:
+    """The library's environment on a level, with the study's rewards and start, and its own trees."""
+    return plain_environment(
+        level,
+        TreeObsForRailEnv(DEPTH),
+        rewards=StudyRewards(),
+        effects_generator=StartReady(),
+        acceleration_delta=Fraction(1),  # the default, a float, is converted in every step
+        braking_delta=Fraction(-1),
+        random_seed=0,
+    )
+
+
+def choose(network: QNetwork, observations: NDArray[np.float32], epsilon: float, chance: random.Random) -> list[int]:
+    """[B]: an action for each of the observations [B, F], epsilon-greedily, by one forward pass."""
+    with torch.no_grad():
+        best = network(torch.from_numpy(observations)).argmax(dim=1).tolist()
+    return [chance.randrange(N_ACTIONS) if chance.random() < epsilon else action for action in best]
+
+
+def observed(trees: Sequence[Any]) -> NDArray[np.float32]:
+    """[B, F]: trees of the library as a network sees them."""
+    return np.stack([normalise(flattened(tree)) for tree in trees])
 
 
 def flattened(tree: Any) -> NDArray[np.float64]:

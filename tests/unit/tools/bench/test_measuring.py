@@ -23,6 +23,11 @@ def test_a_comparison_may_give_several_rows():
     assert [(row.name, row.unit, row.ratio) for row in measure([both], repeats=2)] == [("a", "us", 2), ("b", "ms", 0.5)]
 
 
+def test_of_rates_more_is_better():
+    [row] = measure([Comparison("rate", lambda _: [Sample("a", "steps/s", 20, 2)])], repeats=1)
+    assert row.ratio == 10
+
+
 def test_progress_is_told_before_every_repeat_and_in_the_end():
     told = []
     measure([comparison("a", (1, 1), (1, 1)), comparison("b", (1, 1), (1, 1))], 1, lambda *said: told.append(said))
