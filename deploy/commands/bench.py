@@ -45,7 +45,7 @@ def bench(
     worlds: Annotated[
         int | None, typer.Option(help=f"In a repeat, of {', '.join(WITH_WORLDS)}; default: each one's own.")
     ] = None,
-    episodes: Annotated[int | None, typer.Option(help="Of each run of cluster or loop; default: 300 or 60.")] = None,
+    episodes: Annotated[int | None, typer.Option(help="Of each run of cluster or loop; default: 300 or 40.")] = None,
     level: Annotated[str | None, typer.Option(help="Of the runs of cluster or loop; default: easy.")] = None,
     algorithm: Annotated[list[str] | None, typer.Option(help="Of cluster; may be repeated; default: all.")] = None,
     as_json: AsJson = False,

@@ -129,7 +129,7 @@ def main() -> None:
     parser = Parser(description="Compare whole training runs with a plain loop.", allow_abbrev=False)
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     parser.add_argument("--level", default="easy", choices=list(shipped()), help="default: %(default)s")
-    parser.add_argument("--episodes", type=count, default=60, help="of a run; default: %(default)s")
+    parser.add_argument("--episodes", type=count, default=40, help="of a run; default: %(default)s")
     parser.add_argument("--repeats", type=count, default=3, help="default: %(default)s")
     chosen = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(FAILED))  # so that a run that goes on is ended, too
