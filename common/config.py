@@ -33,7 +33,7 @@ class EvaluationConfig(Strict):
 class ClusterConfig(Strict):
     """How the work is carried out; nothing here changes a learning curve."""
 
-    # By the levels that they serve, or `any`; if there are none, the learner acts itself:
+    # By the levels that they serve, or `any`; if none are wanted, the learner acts itself:
     actors: dict[LevelName, Annotated[int, Field(ge=0, le=MAX_ACTORS)]]
     cores: int = Field(default=2, ge=1)
     port: int = Field(default=0, ge=0, le=65535)  # 0: any free port
@@ -107,11 +107,6 @@ class RunConfig(Strict):
             **parts["learning"],
             **{key: parts[key] for key in ("evaluation", "cluster")},
         }
-
-    @property
-    def learner_acts(self) -> bool:
-        """The run has no actors of its own."""
-        return not any(self.cluster.actors.values())
 
     @property
     def science(self) -> Plain:

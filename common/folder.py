@@ -61,6 +61,13 @@ class RunFolder:
     def cluster_file(self) -> Path:
         return self.path / "cluster.json"
 
+    def wants_actors(self) -> bool:
+        """There are to be some, as the supervisor knows it; else the learner acts itself."""
+        try:
+            return any(json.loads(self.cluster_file.read_text())["actors"].values())
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            return True  # nobody has said that there are to be none
+
     @property
     def outcome_file(self) -> Path:
         return self.path / "outcome.json"

@@ -154,8 +154,15 @@ class Runner:
         self._cluster["actors"] |= question.request.actors
         write_atomically(self._folder.cluster_file, json.dumps(self._cluster, indent=2))
         self._handle(Wanted(tuple(actors(self._cluster["actors"]))))
-        counts = " ".join(f"{name}={count}" for name, count in self._cluster["actors"].items())
-        question.answer(CommandAnswer(done=True, text=f"actors are now {counts}"))
+        counts = self._cluster["actors"]
+        text = "actors are now " + " ".join(f"{name}={count}" for name, count in counts.items())
+        if (
+            any(counts.values())
+            and not counts.get("any")
+            and (left := [x for x in self._config.mix if not counts.get(x)])
+        ):
+            text += f"; episodes of {', '.join(left)} wait for some"
+        question.answer(CommandAnswer(done=True, text=text))
 
     def _on_stop(self, question: Question[Empty, CommandAnswer]) -> None:
         again = self._mind.stopping is not None

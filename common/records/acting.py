@@ -10,7 +10,7 @@ from pydantic import Field
 
 from common.levels.distributions import LevelName
 from common.records.base import Array, Count, Name, Record
-from common.records.course import Course
+from common.records.course import Course, check_range
 
 PLAIN = {bool, int, float, str, NoneType}  # what is surely no record: to ask pydantic takes longer
 
@@ -25,6 +25,11 @@ class Progressed(Record):
     first_step: Annotated[int, Field(ge=1)]
     actions: Annotated[NDArray[np.int8], Array("int8", ("E",))]
     states: Annotated[NDArray[np.float32], Array("float32", ("N", "S"))]
+
+    def check(self) -> None:
+        """Raises ValueError for actions that there are not."""
+        if len(self.actions):
+            check_range("actions", self.actions, 0, 5)
 
 
 class Lease(Record):

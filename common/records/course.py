@@ -95,13 +95,13 @@ class Course(Record):
         steps, trains = self.rewards.shape
         first, end = self.first_step, self.first_step + steps
         if len(self.decisions):
-            _check_range("decisions.times", self.decisions.times, first, end)
-            _check_range("decisions.trains", self.decisions.trains, 0, trains)
-            _check_range("decisions.actions", self.decisions.actions, 0, 5)
+            check_range("decisions.times", self.decisions.times, first, end)
+            check_range("decisions.trains", self.decisions.trains, 0, trains)
+            check_range("decisions.actions", self.decisions.actions, 0, 5)
         if not 1 <= steps <= self.max_steps - self.first_step or trains < 1:
             most = self.max_steps - self.first_step
             raise ValueError(f"rewards: wants 1..{most} steps of at least one train, got {steps} of {trains}")
-        _check_range("arrived_at", self.arrived_at, NONE, end)
+        check_range("arrived_at", self.arrived_at, NONE, end)
         if self.score is not None and not self.over:
             raise ValueError(f"score: {self.score} of an episode that is not over")
 
@@ -120,7 +120,8 @@ class Course(Record):
         return normalised_return(self.arrived_at, self.last_step, self.max_steps)
 
 
-def _check_range(name: str, column: NDArray[Any], first: int, end: int) -> None:
+def check_range(name: str, column: NDArray[Any], first: int, end: int) -> None:
+    """Raises ValueError for a column, not empty, with numbers below `first`, or from `end` on."""
     values = column.tolist()
     if min(values) < first or max(values) >= end:
         raise ValueError(f"{name}: wants values in {first}..{end - 1}")

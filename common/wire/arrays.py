@@ -1,6 +1,7 @@
 """Arrays on the wire: dtype, shape and raw little-endian bytes, or, where most numbers are zero, those that are not."""
 
 import math
+from reprlib import Repr
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,17 @@ ARRAY_DTYPES = {name: np.dtype(name) for name in ("|i1", "<i4", "<i8", "<f4", "<
 ROOM = 1 << 14  # bytes that packing begins with; msgpack's own 256 KB come from the system, and go back, each time
 
 
+repr_of = Repr()  # looks at a few elements only
+repr_of.maxlist = repr_of.maxdict = 9
+
+
 class Refused(ValueError):  # noqa: N818  (a verdict, not a failure of ours)
     """A message that is not taken; the text says why."""
+
+
+def shown(value: Any) -> str:
+    """The beginning of what somebody sent, however large it is."""
+    return f"{repr_of.repr(value):.80}"
 
 
 def pack_array(value: Any) -> ExtType:
@@ -71,7 +81,7 @@ def unpack_array(code: int, data: bytes) -> NDArray[Any]:
         raise Refused(f"unknown extension type {code}")
     dtype, shape, raw = unpackb(data)
     if dtype not in ARRAY_DTYPES:
-        raise Refused(f"array dtype {dtype!r:.40} is not taken")
+        raise Refused(f"array dtype {shown(dtype)} is not taken")
     known = ARRAY_DTYPES[dtype]
     _check_shape(shape)
     if type(raw) is not bytes or len(raw) != math.prod(shape) * known.itemsize:
@@ -97,8 +107,8 @@ def _unpack_sparse(data: bytes) -> NDArray[np.float32]:
 
 
 def _check_shape(shape: Any) -> None:
+    if type(shape) is not list or len(shape) > 8:
+        raise Refused(f"array shape {shown(shape)} is not taken")
     for size in shape:
         if type(size) is not int or not 0 <= size < 2**31:
-            raise Refused(f"array shape {shape!r:.80} is not taken")
-    if type(shape) is not list or len(shape) > 8:
-        raise Refused(f"array shape {shape!r:.80} is not taken")
+            raise Refused(f"array shape {shown(shape)} is not taken")

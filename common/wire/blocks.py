@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.records.base import Layout, Record, has_infinities, layout_of
-from common.wire.arrays import SPARSE_FROM, Refused, pack_sparse
+from common.wire.arrays import SPARSE_FROM, Refused, pack_sparse, shown
 
 DType = np.dtype[Any]
 
@@ -74,7 +74,7 @@ def put_together(record_type: type[Record], plain: Any) -> Whole:
     whole, lengths, *blocks = plain
     for letter, length in lengths.items():
         if type(length) is not int or not 0 <= length < 2**31:
-            raise Refused(f"{record_type.__name__}: length {letter:.40} is {length!r:.40}")
+            raise Refused(f"{record_type.__name__}: length {letter:.40} is {shown(length)}")
     numbers = {dtype: _numbers(dtype, block) for dtype, block in zip(dtypes, blocks, strict=True)}
     letters: set[str] = set()
     at = dict.fromkeys(dtypes, 0)  # bytes
@@ -87,7 +87,9 @@ def put_together(record_type: type[Record], plain: Any) -> Whole:
             try:
                 array: NDArray[Any] = np.ndarray([*map(lengths.get, dims, dims)], dtype, numbers[dtype], at[dtype])
             except (TypeError, ValueError) as problem:
-                raise Refused(f"{record_type.__name__}: {name} of {dims} in {lengths!s:.80}: {problem!s:.80}") from None
+                raise Refused(
+                    f"{record_type.__name__}: {name} of {dims} in {shown(lengths)}: {problem!s:.80}"
+                ) from None
             at[dtype] += array.nbytes
             if fields.setdefault(name, array) is not array:
                 raise Refused(f"{record_type.__name__}: {name} is not in a block")
@@ -102,14 +104,14 @@ def _numbers(dtype: DType, block: Any) -> NDArray[Any]:
         return np.frombuffer(bytearray(block), dtype)
     if type(block) is np.ndarray and block.dtype == dtype and block.ndim == 1:  # was sparse
         return block
-    raise Refused(f"{block!r:.40} is no block of {dtype}")
+    raise Refused(f"{shown(block)} is no block of {dtype}")
 
 
 def _left(
     lengths: dict[str, int], letters: set[str], numbers: dict[DType, NDArray[Any]], at: dict[DType, int]
 ) -> str | None:
     if letters != lengths.keys():
-        return f"lengths of {sorted(lengths)!s:.80} for shapes of {sorted(letters)}"
+        return f"lengths of {shown(sorted(lengths))} for shapes of {sorted(letters)}"
     for dtype, block in numbers.items():
         if at[dtype] != block.nbytes:
             return f"more numbers of {dtype} than in arrays"

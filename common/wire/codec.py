@@ -23,6 +23,7 @@ R = TypeVar("R", bound=Record)
 
 SCHEMA_VERSION = 4  # 4: arrays travel in blocks; raise it when a record changes in any way
 MAX_MESSAGE_BYTES = 300_000_000
+MOST_PROBLEMS = 100
 
 
 @cache
@@ -66,6 +67,8 @@ def decode(record_type: type[R], encoding: str, body: bytes) -> R:
     except Refused:
         raise
     except ValidationError as error:
+        if error.error_count() > MOST_PROBLEMS:  # to list them all would take long
+            raise Refused(f"{record_type.__name__}: {error.error_count()} fields are not as declared") from None
         problem = error.errors()[0]
         field = ".".join(str(part) for part in problem["loc"]) or "message"
         raise Refused(f"{record_type.__name__}: {field:.100}: {problem['msg']:.300}") from None

@@ -63,11 +63,9 @@ class Learner:
             self._config.world.n_features,
             Start(self._archive.snapshot, self._archive.version, self._account.steps, fragments),
         )
-        self._inline: InlineActor | None = None
-        if self._config.learner_acts:
-            levels = supply_of(self._config.world.levels, context.folder.path)
-            self._inline = InlineActor(self._config, levels, self._on_step)
         self._actors: set[str] = set()  # the incarnations of those that live
+        self._inline: InlineActor | None = None  # made when it is needed
+        self._acts = False
         self._telemetry = Telemetry(context.folder, self._archive.snapshot, context.bus.traffic)
         self._ended: OpenEpisode | None = None  # trained, but its row and files are still due
         self._paused = context.folder.paused_file.exists()
@@ -103,9 +101,8 @@ class Learner:
             self._board.put(version, tensors)
         self._publish_weights()
         bus = self._context.bus
-        if self._inline is not None:
-            self._publish_fragment = bus.publisher(keys.FRAGMENTS)
-            self._desk.actor_came(NAME, NAME)
+        self._publish_fragment = bus.publisher(keys.FRAGMENTS)
+        self._act_if_nobody_shall()
         bus.watch_alive(keys.ALL_ALIVE, self._on_alive)
         bus.subscribe(keys.FRAGMENTS, self._on_fragment)
         bus.serve(keys.LEASE, self._on_lease)
@@ -148,14 +145,14 @@ class Learner:
         log.info("%s %s %s", alive.process, alive.incarnation, "came" if there else "is gone")
         if there:
             if self._acts:
+                self._acts = False
                 self._send(self._desk.actor_gone(NAME))
             self._actors.add(alive.incarnation)
             self._desk.actor_came(alive.process, alive.incarnation)
         else:
             self._actors.discard(alive.incarnation)
             self._send(self._desk.actor_gone(alive.incarnation))
-            if self._acts:
-                self._desk.actor_came(NAME, NAME)
+            self._act_if_nobody_shall()
 
     def _on_fragment(self, fragment: Fragment) -> None:
         if (refusal := self._desk.arrive(fragment)) is not None:
@@ -206,10 +203,15 @@ class Learner:
 
     # What is acted here
 
-    @property
-    def _acts(self) -> bool:
-        """There is nobody else to act."""
-        return self._inline is not None and not self._actors
+    def _act_if_nobody_shall(self) -> None:
+        """Be the actor of a run that has none and shall have none, until one comes."""
+        if self._acts or self._actors or self._context.folder.wants_actors():
+            return
+        if self._inline is None:
+            levels = supply_of(self._config.world.levels, self._context.folder.path)
+            self._inline = InlineActor(self._config, levels, self._on_step)
+        self._acts = True
+        self._desk.actor_came(NAME, NAME)
 
     @property
     def _acts_next(self) -> bool:

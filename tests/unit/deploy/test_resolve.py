@@ -43,7 +43,6 @@ def test_every_preset_makes_a_run_of_every_level(algorithm, level):
     config = resolve({"algorithm": algorithm, "level": level})
     assert (config.algorithm, config.mix) == (algorithm, {level: 1.0})
     assert config.cluster.actors == {level: 0}
-    assert config.learner_acts
 
 
 def test_nothing_given_is_the_default_run():
@@ -68,7 +67,6 @@ def test_a_mix_has_the_settings_of_its_level_with_the_most_trains(mix, steps):
 def test_what_runs_in_parallel_has_an_actor_for_each_level():
     config = resolve({"mix": {"easy": 0.5, "hard": 0.5}, "lag": 1})
     assert config.cluster.actors == {"easy": 1, "hard": 1}
-    assert not config.learner_acts
 
 
 def test_what_is_given_outranks_preset_and_level():
@@ -79,7 +77,7 @@ def test_what_is_given_outranks_preset_and_level():
 
 def test_named_actors_replace_the_default_ones():
     assert resolve({"cluster": {"actors": {"any": 2}}}).cluster.actors == {"any": 2}
-    assert resolve({"cluster": {"actors": {"easy": 0}}, "lag": 1}).learner_acts
+    assert resolve({"cluster": {"actors": {"easy": 0}}, "lag": 1}).cluster.actors == {"easy": 0}
     assert resolve({"cluster": {"cores": 1}, "lag": 1}).cluster.actors == {"easy": 1}
 
 

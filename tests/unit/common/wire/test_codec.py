@@ -60,7 +60,7 @@ def leases(draw, fragment, first_step, states, steps):
     progressed = acting.Progressed(
         fragment=max(1, fragment),
         first_step=max(1, first_step),
-        actions=draw(npst.arrays(np.int8, st.integers(0, 4))),
+        actions=draw(npst.arrays(np.int8, st.integers(0, 4), elements=st.integers(0, 4))),
         states=states,
     )
     return acting.Lease(
@@ -589,7 +589,7 @@ def not_a_number(floats, *others):
             "Fragment: wants fields, lengths and 3 blocks",
         ),
         (without_length, "Fragment: rewards of ('T', 'N') in {"),
-        (with_lengths(T=99), "Fragment: rewards of ('T', 'N') in {'T': 99"),
+        (with_lengths(T=99), "Fragment: rewards of ('T', 'N') in {'D': 2, 'F': 1, 'N': 1, 'S': 0, 'T': 99}"),
         (with_lengths(T=1), "Fragment: course: Value error, decisions.times: wants values in 0..0"),
         (with_lengths(D=1), "Fragment: course: Value error, decisions.trains: wants values in 0..0"),
         (with_lengths(D=3), "Fragment: trains of ('D',) in {"),
@@ -757,3 +757,17 @@ def test_flatland_changes_no_byte(patched):
 def test_a_refusal_is_short_whatever_the_message_names():
     body = pack_lease(LEASE_BODY | {"x" * 1_000_000: 1})
     assert len(refusal(acting.Lease, body)) < 10_000
+
+
+def test_what_is_large_and_wrong_is_refused_without_being_written_out():
+    body = Packer().pack([{f"x{number}": 0 for number in range(1000)}, {}, b""])
+    with pytest.raises(Refused, match=r"^LeaseRequest: \d+ fields are not as declared$"):
+        decode(acting.LeaseRequest, encoding_of(acting.LeaseRequest), body)
+    with pytest.raises(Refused, match=r"^\[1, 1, .{0,60} is no block of int64$"):
+        decode(acting.LeaseRequest, encoding_of(acting.LeaseRequest), Packer().pack([{}, {"K": 0}, [1] * 100_000]))
+
+
+def test_actions_so_far_are_those_that_there_are():
+    states = np.zeros((1, 0), np.float32)
+    with pytest.raises(ValueError, match=r"actions: wants values in 0\.\.4"):
+        acting.Progressed(fragment=1, first_step=1, actions=np.array([5], np.int8), states=states)

@@ -1,5 +1,7 @@
 """A learner without actors acts itself, hands over when one comes, and goes on when it has gone."""
 
+import json
+
 from test_learner_restart import Cluster, config
 
 from common.folder import RunFolder
@@ -14,9 +16,16 @@ def serial():
     return config(0, cluster={"actors": {}}, episodes=EPISODES, fragment_steps=100)
 
 
-def begun(folder):
-    folder.mkdir()
-    return Cluster(RunFolder(folder), serial())
+def wants(folder, count):
+    """What the supervisor notes of how many actors there shall be."""
+    folder.cluster_file.write_text(json.dumps({"actors": {"easy": count}}))
+
+
+def begun(path):
+    path.mkdir()
+    folder = RunFolder(path)
+    wants(folder, 0)
+    return Cluster(folder, serial())
 
 
 def digests(cluster):
@@ -66,6 +75,7 @@ def test_acting_goes_to_an_actor_within_an_episode_and_back(tmp_path):
 
 def test_a_paused_learner_acts_nothing(tmp_path):
     folder = RunFolder(tmp_path)
+    wants(folder, 0)
     folder.paused_file.touch()
     cluster = Cluster(folder, serial())
     for _ in range(3):
@@ -73,3 +83,19 @@ def test_a_paused_learner_acts_nothing(tmp_path):
     assert cluster.wire.heard == []
     assert cluster.report.waiting == {}  # for an actor
     cluster.learner.close()
+
+
+def test_a_run_that_shall_have_actors_waits_for_them_whoever_began_it(tmp_path):
+    folder = RunFolder(tmp_path)
+    wants(folder, 1)
+    cluster = Cluster(folder, serial())
+    cluster.learner.turn()
+    assert cluster.report.waiting == {"easy": 1}
+    cluster.come("one")
+    cluster.learner.turn()
+    wants(folder, 0)  # before the supervisor ends it
+    cluster.wire.on_alive(Alive("actor", "one", "one"), False)
+    cluster.learner.turn()
+    cluster.learner.turn()
+    cluster.learner.close()
+    assert len(cluster.rows()) == EPISODES
