@@ -760,7 +760,7 @@ def test_a_refusal_is_short_whatever_the_message_names():
 
 
 def test_what_is_large_and_wrong_is_refused_without_being_written_out():
-    body = Packer().pack([{f"x{number}": 0 for number in range(1000)}, {}, b""])
+    body = Packer().pack([{f"x{number}": 0 for number in range(1000)}, {"K": 0}, b""])
     with pytest.raises(Refused, match=r"^LeaseRequest: \d+ fields are not as declared$"):
         decode(acting.LeaseRequest, encoding_of(acting.LeaseRequest), body)
     with pytest.raises(Refused, match=r"^\[1, 1, .{0,60} is no block of int64$"):
