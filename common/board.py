@@ -22,8 +22,6 @@ from numpy.typing import NDArray
 from common.kernel import bare_kernel
 from common.policy.flat import Arrays, Flat, Order, Place
 
-Tensors = Arrays
-
 HEADER_BYTES = 8  # a number: the bytes of the JSON that follows it
 ALIGNED = 4096
 HEAD, TAIL = 2, 1  # int64 numbers before and after the tensors of a slot
@@ -68,7 +66,7 @@ class Slots:
 class Board:
     """The writing end, of which there is one. It replaces the file of an earlier writer, with all that is in it."""
 
-    def __init__(self, path: Path, like: Tensors, count: int) -> None:
+    def __init__(self, path: Path, like: Arrays, count: int) -> None:
         """The board has `count` slots for tensors `like` these.
 
         Raises:
@@ -87,7 +85,7 @@ class Board:
             self._write(slot, nothing)
         temporary.replace(path)
 
-    def put(self, version: int, tensors: Tensors) -> None:
+    def put(self, version: int, tensors: Arrays) -> None:
         """Write a version over that which is `count` older.
 
         Raises:

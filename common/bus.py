@@ -144,15 +144,13 @@ class Bus:
 
     def publish(self, topic: Topic[A], record: A) -> None:
         """Send to all subscribers; who is not connected now never gets it."""
-        try:
-            self._session.put(
-                self._key(topic.key),
-                self.traffic.counted(encode(record)),
-                encoding=encoding_of(topic.record),
-                congestion_control=zenoh.CongestionControl.BLOCK,
-            )
-        except zenoh.ZError as error:
-            log.warning("a message on %s did not go out: %s", topic.key, error)
+        put = partial(
+            self._session.put,
+            self._key(topic.key),
+            encoding=encoding_of(topic.record),
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+        self._put(put, topic.key, record)
 
     def publisher(self, topic: Topic[A]) -> Callable[[A], None]:
         """Sends to all subscribers in other processes, and costs next to nothing as long as there are none."""
@@ -166,9 +164,15 @@ class Bus:
 
         def publish(record: A) -> None:
             if declared.matching_status.matching:
-                declared.put(self.traffic.counted(encode(record)))
+                self._put(declared.put, topic.key, record)
 
         return publish
+
+    def _put(self, put: Callable[[bytes], Any], key: str, record: Record) -> None:
+        try:
+            put(self.traffic.counted(encode(record)))
+        except zenoh.ZError as error:
+            log.warning("a message on %s did not go out: %s", key, error)
 
     def subscribe(self, topic: Topic[A], on_record: Callable[[A], None]) -> None:
         """Call `on_record` with every valid message; it must be quick."""

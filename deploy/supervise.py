@@ -156,12 +156,9 @@ class Runner:
         self._handle(Wanted(tuple(actors(self._cluster["actors"]))))
         counts = self._cluster["actors"]
         text = "actors are now " + " ".join(f"{name}={count}" for name, count in counts.items())
-        if (
-            any(counts.values())
-            and not counts.get("any")
-            and (left := [x for x in self._config.mix if not counts.get(x)])
-        ):
-            text += f"; episodes of {', '.join(left)} wait for some"
+        unserved = [level for level in self._config.mix if not (counts.get(level) or counts.get("any"))]
+        if unserved and any(counts.values()):  # with none at all the learner acts
+            text += f"; episodes of {', '.join(unserved)} wait for some"
         question.answer(CommandAnswer(done=True, text=text))
 
     def _on_stop(self, question: Question[Empty, CommandAnswer]) -> None:

@@ -18,9 +18,7 @@ from deploy.follow import outcome_of
 from deploy.study.calibration import Figures, kept
 from deploy.study.progress import RunProgress, StudyProgress
 
-BESIDE_S = (
-    0.0015  # of a fragment, beside acting it and learning from it: weights, rows, snapshots; two runs on two cores
-)
+BESIDE_S = 0.0015  # of a fragment, beside acting and learning: weights, rows, snapshots; two runs on two cores
 STARTING_S = 5.0  # a cluster, until its first episode, and from its last one to its end
 SCORING_STARTS_S = 3.0  # a process that scores a network, until its first level
 INTERRUPTION_S = 60.0  # between two episodes: the run was not going on

@@ -9,9 +9,10 @@ import time
 
 import numpy as np
 
-from common.board import BoardReader, Tensors
+from common.board import BoardReader
 from common.bus import Answers, NoAnswer
 from common.levels.supply import supply_of
+from common.policy.flat import Arrays
 from common.policy.leased import LeasePlayer
 from common.policy.player import chooser_of
 from common.process import Fatal, ServiceContext, Stopped
@@ -131,7 +132,7 @@ class Actor:
             self._loaded = version
         return True
 
-    def _pull(self, version: int) -> Tensors | None:
+    def _pull(self, version: int) -> Arrays | None:
         """From the learner itself: an actor on another machine does not see the board."""
         try:
             return self._context.bus.ask(keys.PULL_WEIGHTS, WeightsRequest(version=version), ASK_TIMEOUT_S).tensors

@@ -44,9 +44,11 @@ class InlineActor:
         """There will be no answer."""
         self.lease, self.asks = None, False
 
-    def act(self, lease: Lease, weights: Mapping[int, Arrays]) -> Fragment:
-        """What comes of a lease with the weights of the version that it names."""
-        self.lease = None
+    def act(self, weights: Mapping[int, Arrays]) -> Fragment | None:
+        """What comes of the lease, if there is one, with the weights of the version that it names."""
+        lease, self.lease = self.lease, None
+        if lease is None:
+            return None
         begin = time.perf_counter()
         if self._loaded != lease.weights_version:
             self._network.load(weights[lease.weights_version])

@@ -219,11 +219,11 @@ class Learner:
 
     def _act(self) -> Fragment | None:
         """Act what is leased to the learner itself; returns what is to be trained now."""
-        if self._inline is None or self._inline.lease is None:
-            return None
         try:
-            fragment = self._inline.act(self._inline.lease, self._weights)
+            fragment = None if self._inline is None else self._inline.act(self._weights)
         except Stopped:
+            return None
+        if fragment is None:
             return None
         self._publish_fragment(fragment)
         self._on_fragment(fragment)

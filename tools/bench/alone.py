@@ -59,10 +59,10 @@ class Alone:
             for actor, answer, last in self._desk.give(0.0):
                 if answer is not None:
                     actor.answer(answer, last=last)
-            if self._actor.lease is not None:
-                self._desk.arrive(self._actor.act(self._actor.lease, self._weights))
-            while (fragment := self._desk.next_ready()) is not None:
-                self._trainer.train(fragment)
+            if (fragment := self._actor.act(self._weights)) is not None:
+                self._desk.arrive(fragment)
+            while (ready := self._desk.next_ready()) is not None:
+                self._trainer.train(ready)
                 episode = self._desk.mark_trained()
                 version = self._desk.ledger.version
                 self._weights[version] = self._trainer.weights()

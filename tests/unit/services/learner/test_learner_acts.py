@@ -56,7 +56,8 @@ def test_acting_goes_to_an_actor_within_an_episode_and_back(tmp_path):
     lease = cluster.lease("one")
     assert lease.unit == fragments[middle].lease.unit
     actor = InlineActor(serial(), LevelSupply(serial().world.levels))
-    fragment = actor.act(lease, {lease.weights_version: cluster.weights(lease.weights_version).tensors})
+    actor.lease = lease
+    fragment = actor.act({lease.weights_version: cluster.weights(lease.weights_version).tensors})
     assert fragment.digest == fragments[middle].digest
     circumstances = fragment.circumstances.model_copy(update={"actor": "one"})
     cluster.bring(fragment.model_copy(update={"circumstances": circumstances}))
