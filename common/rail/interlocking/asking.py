@@ -5,36 +5,88 @@
         bits = allowed(..., train)                # a bit for each action that it may take
         grant(..., train, action)                 # what it does
 
-Whoever stands before its own cell's next train is asked after that one, so that it knows whether the place is left.
+| mode | a train may |
+|---|---|
+| off | take any action |
+| valid | stop, go on, and turn where rails do; no two of these actions do the same |
+| safe | stop; go where its route is free (`routes`) if afterwards all trains can run home (`proof`) |
+| planned | as safe, or once one train has stepped aside |
+
+Who could go to where another one is that has to be asked is asked after it, so that it knows whether that one leaves.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import bare_kernel
-from common.rail.compiled.arrays import NOTHING, NOWHERE, SINGLE, Batch
-from common.rail.interlocking.signals import ALL_ACTIONS, OFF, Signals
+from common.rail.compiled.arrays import NOTHING, NOWHERE, SINGLE, UNREACHED, Batch
+from common.rail.compiled.decisions import CELLS, decides
+from common.rail.compiled.step import leave
+from common.rail.interlocking.proof import is_proven, settle, vanish
+from common.rail.interlocking.routes import find_routes, is_free, lock, run_on
+from common.rail.interlocking.signals import (
+    ALL_ACTIONS,
+    ANYWHERE,
+    DECISIONS,
+    MODE,
+    OFF,
+    PLANNED,
+    ROUNDS,
+    SAFE,
+    VALID,
+    Signals,
+)
 from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
 
 FORWARD: int = 1 << MOVE_FORWARD
 STOP: int = 1 << STOP_MOVING
+PATIENT_ROUNDS: int = 2  # in which trains let others be asked first
 
 
 @bare_kernel
-def begin(batch: Batch, slot: int, mode: int, signals: Signals) -> None:
-    """Before the trains of a slot are asked in a step."""
+def begin(batch: Batch, slot: int, mode: int, decisions: int, signals: Signals) -> None:
+    """Before the trains of a slot are asked in a step; `decisions` is the rule that says whom to ask."""
+    numbers = signals.numbers
+    numbers[MODE], numbers[DECISIONS], numbers[ROUNDS], numbers[ANYWHERE] = mode, decisions, 0, decisions != CELLS
     for at in range(batch.worlds[slot]["trains"]):
         signals.asked[at] = False
+    if mode >= SAFE:
+        find_routes(batch, slot, decisions, signals)
+        rest_all(batch, slot, signals)
 
 
 @bare_kernel
 def next_asked(batch: Batch, slot: int, deciding: NDArray[np.bool_], signals: Signals) -> int:
     """The next train to ask, of those that decide [N]; NOTHING if all have been asked."""
-    for at in range(batch.worlds[slot]["trains"]):
-        if deciding[at] and not signals.asked[at]:
-            signals.asked[at] = True
-            return at
+    n_trains = batch.worlds[slot]["trains"]
+    while signals.numbers[ROUNDS] <= PATIENT_ROUNDS:
+        patient = signals.numbers[MODE] >= SAFE and signals.numbers[ROUNDS] < PATIENT_ROUNDS
+        for at in range(n_trains):
+            if deciding[at] and not signals.asked[at] and not (patient and waits(batch, slot, at, deciding, signals)):
+                signals.asked[at] = True
+                return at
+        signals.numbers[ROUNDS] += 1
     return NOTHING
+
+
+@bare_kernel
+def waits(batch: Batch, slot: int, at: int, deciding: NDArray[np.bool_], signals: Signals) -> bool:
+    """Whether some train that has still to be asked is where this one could go."""
+    codes, leads = batch.codes[slot], batch.leads[slot]
+    here = int(batch.trains[slot, at]["config"])
+    if here == NOWHERE:
+        return is_open(signals, deciding, at, int(batch.trains[slot, at]["start"]) >> 2)
+    for way in range(4):
+        if codes[here] >> way & 1 and is_open(signals, deciding, at, int(leads[(here & ~3) + way]) >> 2):
+            return True
+    return False
+
+
+@bare_kernel
+def is_open(signals: Signals, deciding: NDArray[np.bool_], at: int, cell: int) -> bool:
+    """Whether another train is in a cell that has still to be asked."""
+    other = signals.occupants[cell]
+    return bool(other != NOTHING and other != at and deciding[other] and not signals.asked[other])
 
 
 @bare_kernel
@@ -54,12 +106,72 @@ def valid(codes: NDArray[np.int32], here: int) -> int:
 
 @bare_kernel
 def allowed(batch: Batch, slot: int, mode: int, train: int, signals: Signals) -> int:
-    """The actions that a train may take, a bit each; any train that is not done may be asked, deciding or not."""
+    """The actions that a train may take, a bit each.
+
+    Any train that is not done may be asked about; where it does not decide, all that are there are allowed.
+    """
     if mode == OFF:
         return ALL_ACTIONS
-    return valid(batch.codes[slot], batch.trains[slot, train]["config"])
+    codes, of = batch.codes[slot], batch.trains[slot, train]
+    bits = valid(codes, int(of["config"]))
+    if mode == VALID or not decides(of, codes, batch.worlds[slot]["unit"], int(signals.numbers[DECISIONS])):
+        return bits
+    safe = STOP
+    for action in range(MOVE_LEFT, MOVE_RIGHT + 1):
+        if bits >> action & 1 and is_safe(batch, slot, mode, train, action, signals):
+            safe |= 1 << action
+    return safe
 
 
 @bare_kernel
 def grant(batch: Batch, slot: int, mode: int, train: int, action: int, signals: Signals) -> None:
-    """A train takes an action: whoever is asked later in this step is told as much."""
+    """A train takes an action that it is allowed: whoever is asked later in this step is told as much."""
+    if mode < SAFE or not MOVE_LEFT <= action <= MOVE_RIGHT:
+        return
+    length = set_route(batch, slot, train, action, signals)
+    lock(signals, train, length)
+    signals.occupants[signals.routes[train, 0] >> 2] = train
+    rest_all(batch, slot, signals)
+
+
+@bare_kernel
+def set_route(batch: Batch, slot: int, at: int, action: int, signals: Signals) -> int:
+    """Write down the route that an action leads to; returns its length, 0 if there is no way home from it."""
+    train, on_map = batch.trains[slot, at], signals.lengths[at]
+    here = int(train["config"])
+    to = leave(batch.codes[slot], batch.leads[slot], here, action) if on_map else int(train["start"])
+    if batch.distances[slot, at, to] == UNREACHED:
+        return 0
+    signals.routes[at, on_map] = to
+    return run_on(batch, slot, at, signals, on_map + 1)
+
+
+@bare_kernel
+def is_safe(batch: Batch, slot: int, mode: int, at: int, action: int, signals: Signals) -> bool:
+    """Whether a train's route after an action is free, leads somewhere, and leaves everybody a way home."""
+    on_map = signals.lengths[at]
+    length = set_route(batch, slot, at, action, signals)
+    if length == 0 or not is_free(signals, at, on_map, length):
+        return False
+    cell, n_trains = signals.routes[at, 0] >> 2, batch.worlds[slot]["trains"]
+    for other in range(n_trains):
+        signals.kept[other] = signals.rests[other]
+    signals.lengths[at], signals.occupants[cell] = length, at
+    settle(batch, slot, signals)
+    goes = signals.rests[at] >= on_map or signals.rests[at] == NOTHING
+    proven = is_proven(batch, slot, signals, mode == PLANNED and goes) and goes
+    signals.lengths[at] = on_map
+    if not on_map:
+        signals.occupants[cell] = NOTHING
+    for other in range(n_trains):
+        signals.rests[other] = signals.kept[other]
+    return proven
+
+
+@bare_kernel
+def rest_all(batch: Batch, slot: int, signals: Signals) -> None:
+    """Find out where trains rest; what they claim is forgotten again."""
+    settle(batch, slot, signals)
+    for at in range(batch.worlds[slot]["trains"]):
+        if signals.rests[at] != NOTHING:
+            vanish(signals, at)
