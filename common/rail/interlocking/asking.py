@@ -12,6 +12,7 @@
 | safe | stop; go where its route is free (`routes`) if afterwards all trains can run home (`proof`) |
 | planned | as safe, or once one train has stepped aside |
 
+A train that was granted a move and could not make it, since it broke down, say, is bound to it: others count on it.
 Who could go to where another one is that has to be asked is asked after it, so that it knows whether that one leaves.
 """
 
@@ -116,6 +117,8 @@ def allowed(batch: Batch, slot: int, mode: int, train: int, signals: Signals) ->
     bits = valid(codes, int(of["config"]))
     if mode == VALID or not decides(of, codes, batch.worlds[slot]["unit"], int(signals.numbers[DECISIONS])):
         return bits
+    if of["bound"] != NOTHING:
+        return 1 << of["bound"]
     safe = STOP
     for action in range(MOVE_LEFT, MOVE_RIGHT + 1):
         if bits >> action & 1 and is_safe(batch, slot, mode, train, action, signals):
@@ -126,7 +129,8 @@ def allowed(batch: Batch, slot: int, mode: int, train: int, signals: Signals) ->
 @bare_kernel
 def grant(batch: Batch, slot: int, mode: int, train: int, action: int, signals: Signals) -> None:
     """A train takes an action that it is allowed: whoever is asked later in this step is told as much."""
-    if mode < SAFE or not MOVE_LEFT <= action <= MOVE_RIGHT:
+    is_bound = batch.trains[slot, train]["bound"] != NOTHING  # then it has its route
+    if mode < SAFE or is_bound or not MOVE_LEFT <= action <= MOVE_RIGHT:
         return
     length = set_route(batch, slot, train, action, signals)
     lock(signals, train, length)

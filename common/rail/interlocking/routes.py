@@ -61,8 +61,9 @@ def find_routes(batch: Batch, slot: int, decisions: int, signals: Signals) -> No
         signals.routes[at, 0] = here
         signals.occupants[here >> 2] = at
         length = 1
-        if train["committed"] != NOTHING:
-            to = leave(codes, leads, here, train["committed"])
+        hindered = train["committed"] if train["committed"] != NOTHING else train["bound"]
+        if hindered != NOTHING:
+            to = leave(codes, leads, here, hindered)
             if to != NOTHING:
                 signals.routes[at, 1] = to
                 length = run_on(batch, slot, at, signals, 2)
