@@ -50,7 +50,7 @@ def begin(batch: Batch, slot: int, mode: int, decisions: int, signals: Signals) 
     numbers = signals.numbers
     numbers[MODE], numbers[DECISIONS], numbers[ROUNDS], numbers[ANYWHERE] = mode, decisions, 0, decisions != CELLS
     for at in range(batch.worlds[slot]["trains"]):
-        signals.asked[at] = False
+        signals.trains[at]["asked"] = False
     if mode >= SAFE:
         find_routes(batch, slot, decisions, signals)
         rest_all(batch, slot, signals)
@@ -63,8 +63,9 @@ def next_asked(batch: Batch, slot: int, deciding: NDArray[np.bool_], signals: Si
     while signals.numbers[ROUNDS] <= PATIENT_ROUNDS:
         patient = signals.numbers[MODE] >= SAFE and signals.numbers[ROUNDS] < PATIENT_ROUNDS
         for at in range(n_trains):
-            if deciding[at] and not signals.asked[at] and not (patient and waits(batch, slot, at, deciding, signals)):
-                signals.asked[at] = True
+            of = signals.trains[at]
+            if deciding[at] and not of["asked"] and not (patient and waits(batch, slot, at, deciding, signals)):
+                of["asked"] = True
                 return at
         signals.numbers[ROUNDS] += 1
     return NOTHING
@@ -86,8 +87,8 @@ def waits(batch: Batch, slot: int, at: int, deciding: NDArray[np.bool_], signals
 @bare_kernel
 def is_open(signals: Signals, deciding: NDArray[np.bool_], at: int, cell: int) -> bool:
     """Whether another train is in a cell that has still to be asked."""
-    other = signals.occupants[cell]
-    return bool(other != NOTHING and other != at and deciding[other] and not signals.asked[other])
+    other = signals.cells[cell]["occupant"]
+    return bool(other != NOTHING and other != at and deciding[other] and not signals.trains[other]["asked"])
 
 
 @bare_kernel
@@ -133,42 +134,43 @@ def grant(batch: Batch, slot: int, mode: int, train: int, action: int, signals: 
     if mode < SAFE or is_bound or not MOVE_LEFT <= action <= MOVE_RIGHT:
         return
     length = set_route(batch, slot, train, action, signals)
-    lock(signals, train, length)
-    signals.occupants[signals.routes[train, 0] >> 2] = train
+    lock(signals.cells, signals.trains[train], signals.routes[train], length)
+    signals.cells[signals.routes[train, 0] >> 2]["occupant"] = train
     rest_all(batch, slot, signals)
 
 
 @bare_kernel
 def set_route(batch: Batch, slot: int, at: int, action: int, signals: Signals) -> int:
     """Write down the route that an action leads to; returns its length, 0 if there is no way home from it."""
-    train, on_map = batch.trains[slot, at], signals.lengths[at]
-    here = int(train["config"])
-    to = leave(batch.codes[slot], batch.leads[slot], here, action) if on_map else int(train["start"])
-    if batch.distances[slot, at, to] == UNREACHED:
+    train, route, distance = batch.trains[slot, at], signals.routes[at], batch.distances[slot, at]
+    codes, on_map = batch.codes[slot], int(signals.trains[at]["length"])
+    to = leave(codes, batch.leads[slot], int(train["config"]), action) if on_map else int(train["start"])
+    if distance[to] == UNREACHED:
         return 0
-    signals.routes[at, on_map] = to
-    return run_on(batch, slot, at, signals, on_map + 1)
+    route[on_map] = to
+    return run_on(codes, distance, route, on_map + 1, signals.numbers)
 
 
 @bare_kernel
 def is_safe(batch: Batch, slot: int, mode: int, at: int, action: int, signals: Signals) -> bool:
     """Whether a train's route after an action is free, leads somewhere, and leaves everybody a way home."""
-    on_map = signals.lengths[at]
+    trains, of, n_trains = signals.trains, signals.trains[at], batch.worlds[slot]["trains"]
+    on_map = int(of["length"])
     length = set_route(batch, slot, at, action, signals)
     if length == 0 or not is_free(signals, at, on_map, length):
         return False
-    cell, n_trains = signals.routes[at, 0] >> 2, batch.worlds[slot]["trains"]
+    cell = signals.cells[signals.routes[at, 0] >> 2]
     for other in range(n_trains):
-        signals.kept[other] = signals.rests[other]
-    signals.lengths[at], signals.occupants[cell] = length, at
+        trains[other]["kept"] = trains[other]["rest"]
+    of["length"], cell["occupant"] = length, at
     settle(batch, slot, signals)
-    goes = signals.rests[at] >= on_map or signals.rests[at] == NOTHING
+    goes = of["rest"] >= on_map or of["rest"] == NOTHING
     proven = is_proven(batch, slot, signals, mode == PLANNED and goes) and goes
-    signals.lengths[at] = on_map
+    of["length"] = on_map
     if not on_map:
-        signals.occupants[cell] = NOTHING
+        cell["occupant"] = NOTHING
     for other in range(n_trains):
-        signals.rests[other] = signals.kept[other]
+        trains[other]["rest"] = trains[other]["kept"]
     return proven
 
 
@@ -177,5 +179,6 @@ def rest_all(batch: Batch, slot: int, signals: Signals) -> None:
     """Find out where trains rest; what they claim is forgotten again."""
     settle(batch, slot, signals)
     for at in range(batch.worlds[slot]["trains"]):
-        if signals.rests[at] != NOTHING:
-            vanish(signals, at)
+        of = signals.trains[at]
+        if of["rest"] != NOTHING:
+            vanish(signals.cells, signals.routes[at], of["rest"], of["length"])

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from common.kernel import bare_kernel
 from common.rail.compiled.arrays import AHEAD_SHIFT, NOTHING, SINGLE, UNREACHED, Batch
 from common.rail.interlocking.routes import may_rest
-from common.rail.interlocking.signals import SEARCHES, Signals
+from common.rail.interlocking.signals import PLACES, QUEUE, SEARCHES, STAMPS, Signals
 
 UNKNOWN: int = -2  # where a train rests
 
@@ -26,89 +26,97 @@ UNKNOWN: int = -2  # where a train rests
 @bare_kernel
 def settle(batch: Batch, slot: int, signals: Signals) -> None:
     """Find out where all trains of a slot come to rest, and what they claim."""
+    trains, cells, routes, distances = signals.trains, signals.cells, signals.routes, batch.distances[slot]
     n_trains, unknown = batch.worlds[slot]["trains"], 0
     for at in range(n_trains):
-        on_map = signals.lengths[at] > 0
-        signals.rests[at] = UNKNOWN if on_map else NOTHING
-        unknown += on_map
+        length = trains[at]["length"]
+        if length == 1 and distances[at, routes[at, 0]] != 0:  # it stands
+            trains[at]["rest"] = 0
+            stand(cells, routes[at], 0, 1, at)
+        else:
+            trains[at]["rest"] = UNKNOWN if length else NOTHING
+            unknown += length > 0
     for again in range(n_trains + 1):
         if unknown == 0:
             return
         for at in range(n_trains):
-            if signals.rests[at] == UNKNOWN:
-                rest = resting_place(signals, at)
+            of = trains[at]
+            if of["rest"] == UNKNOWN:
+                rest = resting_place(trains, cells, routes[at], of["length"], at)
                 if rest == UNKNOWN and again == n_trains:
                     rest = 0  # who waits for itself
                 if rest != UNKNOWN:
                     unknown -= 1
-                    end = signals.lengths[at] - 1
-                    if rest == end and batch.distances[slot, at, signals.routes[at, end]] == 0:
-                        signals.rests[at] = NOTHING
+                    end = of["length"] - 1
+                    if rest == end and distances[at, routes[at, end]] == 0:
+                        of["rest"] = NOTHING
                     else:
-                        signals.rests[at] = rest
-                        stand(signals, at)
+                        of["rest"] = rest
+                        stand(cells, routes[at], rest, of["length"], at)
 
 
 @bare_kernel
-def resting_place(signals: Signals, at: int) -> int:
+def resting_place(
+    trains: NDArray[np.void], cells: NDArray[np.void], route: NDArray[np.int32], length: int, at: int
+) -> int:
     """The place on its route where a train rests, UNKNOWN as long as that of somebody before it is."""
-    route, length = signals.routes[at], signals.lengths[at]
     for place in range(1, length):
-        cell = route[place] >> 2
-        other = signals.occupants[cell]
-        if other != NOTHING and other != at and signals.rests[other] == UNKNOWN:
+        cell = cells[route[place] >> 2]
+        other = cell["occupant"]
+        if other != NOTHING and other != at and trains[other]["rest"] == UNKNOWN:
             return UNKNOWN
-        if signals.resting[cell] != NOTHING:
+        if cell["resting"] != NOTHING:
             return place - 1
-    return int(length) - 1
+    return length - 1
 
 
 @bare_kernel
-def stand(signals: Signals, at: int) -> None:
-    """A train rests where `signals.rests` says."""
-    route, rest = signals.routes[at], signals.rests[at]
-    signals.resting[route[rest] >> 2] = at
-    for place in range(rest, signals.lengths[at]):
-        signals.claims[route[place] >> 2] += 1
+def stand(cells: NDArray[np.void], route: NDArray[np.int32], rest: int, length: int, at: int) -> None:
+    """A train rests at a place of its route, and claims it and what comes after."""
+    cells[route[rest] >> 2]["resting"] = at
+    for place in range(rest, length):
+        cells[route[place] >> 2]["claims"] += 1
 
 
 @bare_kernel
-def vanish(signals: Signals, at: int) -> None:
+def vanish(cells: NDArray[np.void], route: NDArray[np.int32], rest: int, length: int) -> None:
     """Undo `stand`."""
-    route, rest = signals.routes[at], signals.rests[at]
-    signals.resting[route[rest] >> 2] = NOTHING
-    for place in range(rest, signals.lengths[at]):
-        signals.claims[route[place] >> 2] -= 1
+    cells[route[rest] >> 2]["resting"] = NOTHING
+    for place in range(rest, length):
+        cells[route[place] >> 2]["claims"] -= 1
 
 
 @bare_kernel
 def is_proven(batch: Batch, slot: int, signals: Signals, steps_aside: bool) -> bool:
     """Whether all trains get home from where they rest, if `steps_aside` once one has been moved; undoes `settle`."""
-    n_trains = batch.worlds[slot]["trains"]
-    for at in range(n_trains):
-        signals.left[at] = signals.rests[at] != NOTHING
-    home = send_home(batch, slot, signals, 0)
+    trains, n_trains = signals.trains, batch.worlds[slot]["trains"]
     remain = 0
     for at in range(n_trains):
-        remain += signals.left[at]
+        trains[at]["left"] = trains[at]["rest"] != NOTHING
+        remain += trains[at]["left"]
+    home = send_home(batch, slot, signals, 0, remain)
+    remain -= home
     proven = remain == 0 or (steps_aside and somebody_steps_aside(batch, slot, signals, home, remain))
     for at in range(n_trains):
-        if signals.left[at]:
-            vanish(signals, at)
+        if trains[at]["left"]:
+            vanish(signals.cells, signals.routes[at], trains[at]["rest"], trains[at]["length"])
     return proven
 
 
 @bare_kernel
-def send_home(batch: Batch, slot: int, signals: Signals, count: int) -> int:
-    """Let everyone run home who can; they are noted in `signals.home`, which had `count`; returns how many it has."""
-    n_trains = batch.worlds[slot]["trains"]
-    before = -1
-    while before != count:
+def send_home(batch: Batch, slot: int, signals: Signals, count: int, remain: int) -> int:
+    """Let everyone run home who can of the `remain` who are left.
+
+    They are noted after the `count` who got home before; returns how many there are now.
+    """
+    trains, n_trains = signals.trains, batch.worlds[slot]["trains"]
+    before, end = -1, count + remain
+    while before != count and count != end:
         before = count
         for at in range(n_trains):
-            if signals.left[at] and runs_home(batch, slot, signals, at):
-                signals.left[at] = False
-                signals.home[count] = at
+            if trains[at]["left"] and runs_home(batch, slot, signals, at):
+                trains[at]["left"] = False
+                trains[count]["home"] = at
                 count += 1
     return count
 
@@ -116,33 +124,48 @@ def send_home(batch: Batch, slot: int, signals: Signals, count: int) -> int:
 @bare_kernel
 def runs_home(batch: Batch, slot: int, signals: Signals, at: int) -> bool:
     """Whether a train can run home while the others stand; then it does."""
-    route, length = signals.routes[at], signals.lengths[at]
-    for place in range(signals.rests[at] + 1, length):
-        if signals.resting[route[place] >> 2] != NOTHING:
-            return False
+    cells, route = signals.cells, signals.routes[at]
+    rest, length = int(signals.trains[at]["rest"]), int(signals.trains[at]["length"])
+    if is_hindered(cells, route, rest, length):
+        return False
     distance, end = batch.distances[slot, at], int(route[length - 1])
-    vanish(signals, at)
-    if distance[end] == 0 or reaches(batch.codes[slot], batch.leads[slot], distance, end, signals):
+    vanish(cells, route, rest, length)
+    codes, leads = batch.codes[slot], batch.leads[slot]
+    if distance[end] == 0 or reaches(codes, leads, distance, end, cells, signals.search, signals.numbers):
         return True
-    stand(signals, at)
+    stand(cells, route, rest, length, at)
+    return False
+
+
+@bare_kernel
+def is_hindered(cells: NDArray[np.void], route: NDArray[np.int32], rest: int, length: int) -> bool:
+    """Whether somebody else rests before a train on its route."""
+    for place in range(rest + 1, length):
+        if cells[route[place] >> 2]["resting"] != NOTHING:
+            return True
     return False
 
 
 @bare_kernel
 def reaches(
-    codes: NDArray[np.int32], leads: NDArray[np.int32], distance: NDArray[np.int16], end: int, signals: Signals
+    codes: NDArray[np.int32],
+    leads: NDArray[np.int32],
+    distance: NDArray[np.int16],
+    end: int,
+    cells: NDArray[np.void],
+    room: NDArray[np.int32],
+    numbers: NDArray[np.int32],
 ) -> bool:
     """Whether a train can go from the end of its route to its target over cells that nobody claims."""
-    claims, here = signals.claims, end
-    while distance[here] != 0:  # the shortest way
+    here = end
+    while True:  # the shortest way
         here = onward(codes, leads, distance, here)
-        if here == NOTHING or claims[here >> 2] != 0:
-            break
-    else:
-        return True
-    if here == NOTHING:
-        return False
-    return search(codes, leads, distance, end, signals) == NOTHING
+        if here == NOTHING:
+            return False
+        if cells[here >> 2]["claims"] != 0:
+            return search(codes, leads, distance, end, cells, room, numbers) == NOTHING
+        if distance[here] == 0:
+            return True
 
 
 @bare_kernel
@@ -164,12 +187,18 @@ def onward(codes: NDArray[np.int32], leads: NDArray[np.int32], distance: NDArray
 
 @bare_kernel
 def search(
-    codes: NDArray[np.int32], leads: NDArray[np.int32], distance: NDArray[np.int16], end: int, signals: Signals
+    codes: NDArray[np.int32],
+    leads: NDArray[np.int32],
+    distance: NDArray[np.int16],
+    end: int,
+    cells: NDArray[np.void],
+    room: NDArray[np.int32],
+    numbers: NDArray[np.int32],
 ) -> int:
-    """Go wherever nobody claims a cell: NOTHING once the target is there, else how many places of `queue` were seen."""
-    queue, stamps, claims = signals.queue, signals.stamps, signals.claims
-    signals.numbers[SEARCHES] += 1
-    stamp = signals.numbers[SEARCHES]
+    """Go wherever nobody claims a cell: NOTHING once the target is there, else how many places of the queue were seen."""
+    queue, stamps = room[QUEUE], room[STAMPS]
+    numbers[SEARCHES] += 1
+    stamp = numbers[SEARCHES]
     queue[0], stamps[end] = end, stamp
     looked, found = 0, 1
     while looked < found:
@@ -179,7 +208,7 @@ def search(
         for way in range(4):
             if code >> way & 1 and (code & SINGLE or way != (here + 2) & 3):
                 to = leads[(here & ~3) + way]
-                if stamps[to] == stamp or distance[to] == UNREACHED or claims[to >> 2] != 0:
+                if stamps[to] == stamp or distance[to] == UNREACHED or cells[to >> 2]["claims"] != 0:
                     continue
                 if distance[to] == 0:
                     return NOTHING
@@ -192,46 +221,45 @@ def search(
 @bare_kernel
 def somebody_steps_aside(batch: Batch, slot: int, signals: Signals, home: int, remain: int) -> bool:
     """Whether all who are left get home once one of them has been moved; `home` have got there, `remain` are left."""
-    codes, leads = batch.codes[slot], batch.leads[slot]
+    trains, cells = signals.trains, signals.cells
     for at in range(batch.worlds[slot]["trains"]):
-        if not signals.left[at] or is_hindered(signals, at):
+        of, route = trains[at], signals.routes[at]
+        rest, length = int(of["rest"]), int(of["length"])
+        if not of["left"] or is_hindered(cells, route, rest, length):
             continue
-        rest, length = signals.rests[at], signals.lengths[at]
-        end = int(signals.routes[at, length - 1])
-        vanish(signals, at)
-        found = search(codes, leads, batch.distances[slot, at], end, signals)
-        for number in range(1, found):
-            signals.places[number] = signals.queue[number]
-        signals.rests[at], signals.lengths[at] = length, length + 1
-        proven = False
-        for number in range(1, found):
-            place = int(signals.places[number])
-            if not may_rest(codes, place, signals):
-                continue
-            signals.routes[at, length] = place
-            stand(signals, at)
-            count = send_home(batch, slot, signals, home)
-            proven = count - home == remain
-            while count > home:
-                count -= 1
-                back = signals.home[count]
-                signals.left[back] = True
-                stand(signals, back)
-            vanish(signals, at)
-            if proven:
-                break
-        signals.rests[at], signals.lengths[at] = rest, length
-        stand(signals, at)
+        vanish(cells, route, rest, length)
+        of["rest"], of["length"] = length, length + 1
+        proven = gets_out_of_the_way(batch, slot, signals, at, home, remain)
+        of["rest"], of["length"] = rest, length
+        stand(cells, route, rest, length, at)
         if proven:
             return True
     return False
 
 
 @bare_kernel
-def is_hindered(signals: Signals, at: int) -> bool:
-    """Whether somebody else rests before a train on its route."""
-    route = signals.routes[at]
-    for place in range(signals.rests[at] + 1, signals.lengths[at]):
-        if signals.resting[route[place] >> 2] != NOTHING:
+def gets_out_of_the_way(batch: Batch, slot: int, signals: Signals, at: int, home: int, remain: int) -> bool:
+    """Whether all who are left get home once a train is anywhere else; that place comes last on its route."""
+    codes, numbers, cells, trains = batch.codes[slot], signals.numbers, signals.cells, signals.trains
+    route, length = signals.routes[at], int(trains[at]["length"])
+    end = int(route[length - 2])
+    found = search(codes, batch.leads[slot], batch.distances[slot, at], end, cells, signals.search, numbers)
+    places = signals.search[PLACES]
+    for number in range(1, found):
+        places[number] = signals.search[QUEUE, number]
+    for number in range(1, found):
+        if not may_rest(codes, int(places[number]), numbers):
+            continue
+        route[length - 1] = places[number]
+        stand(cells, route, length - 1, length, at)
+        count = send_home(batch, slot, signals, home, remain)
+        proven = count - home == remain
+        while count > home:
+            count -= 1
+            back = trains[count]["home"]
+            trains[back]["left"] = True
+            stand(cells, signals.routes[back], trains[back]["rest"], trains[back]["length"], back)
+        vanish(cells, route, length - 1, length)
+        if proven:
             return True
     return False

@@ -26,17 +26,22 @@ from common.rail.interlocking.signals import ANYWHERE, Signals
 
 
 @bare_kernel
-def may_rest(codes: NDArray[np.int32], here: int, signals: Signals) -> bool:
+def may_rest(codes: NDArray[np.int32], here: int, numbers: NDArray[np.int32]) -> bool:
     """Whether a train that comes here is asked before it leaves."""
-    return bool(signals.numbers[ANYWHERE] or codes[here] & DECIDES or not codes[here] & SINGLE)
+    return bool(numbers[ANYWHERE] or codes[here] & DECIDES or not codes[here] & SINGLE)
 
 
 @bare_kernel
-def run_on(batch: Batch, slot: int, at: int, signals: Signals, length: int) -> int:
+def run_on(
+    codes: NDArray[np.int32],
+    distance: NDArray[np.int16],
+    route: NDArray[np.int32],
+    length: int,
+    numbers: NDArray[np.int32],
+) -> int:
     """Complete a route of which the first `length` places are there; returns its length."""
-    codes, route, distance = batch.codes[slot], signals.routes[at], batch.distances[slot, at]
     here = int(route[length - 1])
-    while distance[here] != 0 and not may_rest(codes, here, signals) and length < len(route):
+    while distance[here] != 0 and not may_rest(codes, here, numbers) and length < len(route):
         here = codes[here] >> AHEAD_SHIFT
         route[length] = here
         length += 1
@@ -46,47 +51,47 @@ def run_on(batch: Batch, slot: int, at: int, signals: Signals, length: int) -> i
 @bare_kernel
 def find_routes(batch: Batch, slot: int, decisions: int, signals: Signals) -> None:
     """The routes of all trains of a slot, before anybody is asked; those who are to be asked stand."""
-    world, codes, leads = batch.worlds[slot], batch.codes[slot], batch.leads[slot]
-    cells = world["cells"]
-    for cell in range(cells):
-        signals.occupants[cell] = signals.resting[cell] = NOTHING
-        signals.locks[cell] = signals.claims[cell] = 0
-        signals.headings[cell] = 0
+    world, codes, leads, numbers = batch.worlds[slot], batch.codes[slot], batch.leads[slot], signals.numbers
+    cells = signals.cells
+    for number in range(world["cells"]):
+        cell = cells[number]
+        cell["occupant"] = cell["resting"] = NOTHING
+        cell["locks"] = cell["headings"] = cell["claims"] = 0
     for at in range(world["trains"]):
-        train = batch.trains[slot, at]
+        train, of, route = batch.trains[slot, at], signals.trains[at], signals.routes[at]
         here = int(train["config"])
-        signals.lengths[at] = 0
+        of["length"] = 0
         if here == NOWHERE:
             continue
-        signals.routes[at, 0] = here
-        signals.occupants[here >> 2] = at
+        route[0] = here
+        cells[here >> 2]["occupant"] = at
         length = 1
         hindered = train["committed"] if train["committed"] != NOTHING else train["bound"]
         if hindered != NOTHING:
             to = leave(codes, leads, here, hindered)
             if to != NOTHING:
-                signals.routes[at, 1] = to
-                length = run_on(batch, slot, at, signals, 2)
+                route[1] = to
+                length = run_on(codes, batch.distances[slot, at], route, 2, numbers)
         elif not decides(train, codes, world["unit"], decisions):
-            length = run_on(batch, slot, at, signals, 1)
-        lock(signals, at, length)
+            length = run_on(codes, batch.distances[slot, at], route, 1, numbers)
+        lock(cells, of, route, length)
 
 
 @bare_kernel
-def lock(signals: Signals, at: int, length: int) -> None:
-    """Lock what a train's route has more than before: it had `signals.lengths`."""
-    route, turned = signals.routes[at], False
+def lock(cells: NDArray[np.void], of: np.void, route: NDArray[np.int32], length: int) -> None:
+    """Lock what a train's route has more than before, when it had the length that is noted `of` it."""
+    turned = False
     for place in range(length):
         here = route[place]
         turned = turned or (place > 0 and (here ^ route[place - 1]) & 3 == 2)  # in a dead end: the way back
-        if place >= signals.lengths[at]:
+        if place >= of["length"]:
             again = False
             if turned:
                 for earlier in range(place):
                     again = again or route[earlier] >> 2 == here >> 2
-            signals.locks[here >> 2] += not again
-            signals.headings[here >> 2] |= 1 << (here & 3)
-    signals.lengths[at] = length
+            cells[here >> 2]["locks"] += not again
+            cells[here >> 2]["headings"] |= 1 << (here & 3)
+    of["length"] = length
 
 
 @bare_kernel
@@ -95,22 +100,24 @@ def is_free(signals: Signals, at: int, first: int, length: int) -> bool:
 
     Those who depart get before those whose route leads over where they start, with the same heading.
     """
-    route = signals.routes[at]
+    cells, trains, routes = signals.cells, signals.trains, signals.routes
+    route = routes[at]
     along = 0  # trains whose routes are one with this from here on
     for place in range(first, length):
-        here, cell = route[place], route[place] >> 2
-        bit, other = 1 << (here & 3), signals.occupants[cell]
-        headings, locks = signals.headings[cell], signals.locks[cell]
+        here = int(route[place])
+        cell = cells[here >> 2]
+        bit, other = 1 << (here & 3), int(cell["occupant"])
+        headings, locks = int(cell["headings"]), int(cell["locks"])
         if other == at:
             return False
-        ahead = other != NOTHING and signals.routes[other, 0] == here
-        if other != NOTHING and signals.rests[other] == 0 and not (ahead and place):
+        ahead = other != NOTHING and routes[other, 0] == here
+        if other != NOTHING and trains[other]["rest"] == 0 and not (ahead and place):
             return False
         if other != NOTHING and not ahead:
-            theirs = 1 << (signals.routes[other, 0] & 3)
+            theirs = 1 << (routes[other, 0] & 3)
             if locks != along + 1 or headings != (theirs | bit if along else theirs):
                 return False
-            joins = place + 1 < length and signals.lengths[other] > 1 and signals.routes[other, 1] == route[place + 1]
+            joins = place + 1 < length and trains[other]["length"] > 1 and routes[other, 1] == route[place + 1]
             along += joins
             continue
         if headings & ~bit:
