@@ -105,25 +105,30 @@ def is_proven(batch: Batch, slot: int, signals: Signals, steps_aside: bool) -> b
 
 @bare_kernel
 def send_home(batch: Batch, slot: int, signals: Signals, count: int, remain: int) -> int:
-    """Let everyone run home who can of the `remain` who are left.
+    """Let everyone run home who can of the `remain` who are left; whoever needs a detour only when nobody else can.
 
     They are noted after the `count` who got home before; returns how many there are now.
     """
     trains, n_trains = signals.trains, batch.worlds[slot]["trains"]
-    before, end = -1, count + remain
-    while before != count and count != end:
+    end, straight = count + remain, True
+    while count != end:
         before = count
         for at in range(n_trains):
-            if trains[at]["left"] and runs_home(batch, slot, signals, at):
+            if trains[at]["left"] and runs_home(batch, slot, signals, at, straight):
                 trains[at]["left"] = False
                 trains[count]["home"] = at
                 count += 1
+                if not straight:
+                    break
+        if not straight and count == before:
+            break
+        straight = count != before
     return count
 
 
 @bare_kernel
-def runs_home(batch: Batch, slot: int, signals: Signals, at: int) -> bool:
-    """Whether a train can run home while the others stand; then it does."""
+def runs_home(batch: Batch, slot: int, signals: Signals, at: int, straight: bool) -> bool:
+    """Whether a train can run home while the others stand, `straight` on the shortest way or on any; then it does."""
     cells, route = signals.cells, signals.routes[at]
     rest, length = int(signals.trains[at]["rest"]), int(signals.trains[at]["length"])
     if is_hindered(cells, route, rest, length):
@@ -131,10 +136,13 @@ def runs_home(batch: Batch, slot: int, signals: Signals, at: int) -> bool:
     distance, end = batch.distances[slot, at], int(route[length - 1])
     vanish(cells, route, rest, length)
     codes, leads = batch.codes[slot], batch.leads[slot]
-    if distance[end] == 0 or reaches(codes, leads, distance, end, cells, signals.search, signals.numbers):
-        return True
-    stand(cells, route, rest, length, at)
-    return False
+    if straight:
+        free = is_clear(codes, leads, distance, end, cells)
+    else:
+        free = search(codes, leads, distance, end, cells, signals.search, signals.numbers) == NOTHING
+    if not free:
+        stand(cells, route, rest, length, at)
+    return free
 
 
 @bare_kernel
@@ -147,25 +155,20 @@ def is_hindered(cells: NDArray[np.void], route: NDArray[np.int32], rest: int, le
 
 
 @bare_kernel
-def reaches(
+def is_clear(
     codes: NDArray[np.int32],
     leads: NDArray[np.int32],
     distance: NDArray[np.int16],
     end: int,
     cells: NDArray[np.void],
-    room: NDArray[np.int32],
-    numbers: NDArray[np.int32],
 ) -> bool:
-    """Whether a train can go from the end of its route to its target over cells that nobody claims."""
+    """Whether nobody claims a cell of the shortest way from the end of a route to the target."""
     here = end
-    while True:  # the shortest way
+    while distance[here] != 0:
         here = onward(codes, leads, distance, here)
-        if here == NOTHING:
+        if here == NOTHING or cells[here >> 2]["claims"] != 0:
             return False
-        if cells[here >> 2]["claims"] != 0:
-            return search(codes, leads, distance, end, cells, room, numbers) == NOTHING
-        if distance[here] == 0:
-            return True
+    return True
 
 
 @bare_kernel
