@@ -15,7 +15,7 @@ def at_offset(array, offset):
     return raw
 
 
-def decisions_of(decided, n_features, log_probabilities=None, values=None):
+def decisions_of(decided, n_features, log_probabilities=None, values=None, allowed=None):
     """Of (time, train, action, what it saw)."""
     times, trains, actions, seen = zip(*decided, strict=True) if (decided := list(decided)) else ((), (), (), ())
     count = len(times)
@@ -24,6 +24,7 @@ def decisions_of(decided, n_features, log_probabilities=None, values=None):
         times=np.array(times, np.int32),
         trains=np.array(trains, np.int32),
         actions=np.array(actions, np.int8),
+        allowed=np.full(count, 31, np.uint8) if allowed is None else np.array(allowed, np.uint8),
         log_probabilities=np.zeros(count, np.float32) if log_probabilities is None else log_probabilities,
         values=np.zeros(count, np.float32) if values is None else values,
     )
@@ -42,6 +43,7 @@ def course_of(rewards, arrived_at, decisions, final=None, **changes):
         "rewards": np.asarray(rewards, np.float32),
         "arrived_at": np.array(arrived_at, np.int32),
         "final_observations": np.asarray(final, np.float32).reshape(n_trains, n_features),
+        "final_allowed": np.full(n_trains, 31, np.uint8),
         "states": np.zeros((n_trains, 0), np.float32),
     }
     return Course(**fields | changes)

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from made_episodes import cut, make_episode
-from msgpack._cmsgpack import Packer
+from msgpack._cmsgpack import Packer, unpackb
 
 from common.wire.arrays import pack_array
+from common.wire.codec import encode
 from services.learner.memory import Memory, take_memory
 from services.learner.opened import OpenEpisode
 
@@ -28,23 +29,33 @@ def packed(plain):
     return np.frombuffer(bytes(Packer(default=pack_array).pack(plain)), np.uint8)
 
 
+def in_blocks(fragment):
+    """As schema 4 had it: nothing is said of what was allowed."""
+    whole, lengths, *blocks = unpackb(encode(fragment))
+    assert set(blocks.pop()) == {31}
+    return packed([whole, lengths, *blocks])
+
+
 def mapped(fragment):
     """As schema 3 had it."""
-    return packed(fragment.model_dump())
+    plain = fragment.model_dump()
+    del plain["course"]["final_allowed"], plain["course"]["decisions"]["allowed"]
+    return packed(plain)
 
 
 def flat(fragment):
     """As schema 2 had it."""
     lease, course = fragment.lease, dict(fragment.course)
-    del course["score"]
+    del course["score"], course["final_allowed"]
     decisions = dict(course.pop("decisions"))
+    del decisions["allowed"]
     numbers = {"fragment": lease.fragment}
     numbers |= {name: getattr(lease, name) for name in ("episode", "level", "level_seed", "weights_version")}
     plain = numbers | course | decisions | dict(fragment.circumstances)
     return packed(plain)
 
 
-@pytest.mark.parametrize("earlier", [flat, mapped])
+@pytest.mark.parametrize("earlier", [flat, mapped, in_blocks])
 def test_an_open_episode_of_an_earlier_version_comes_back(earlier):
     fragments = cut(make_episode(3), [7, 20])[:2]
     memory = take_memory({f"open/{number:06d}": earlier(fragment) for number, fragment in enumerate(fragments)})
