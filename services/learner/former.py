@@ -4,10 +4,11 @@ Before schema 5 no decision said what was allowed: everything was. Before 4 arra
 3 a fragment was flat, without the lease that it answers.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.rail.interlocking.signals import ALL_ACTIONS
 from common.records.acting import Circumstances, Fragment, Lease, Progressed
@@ -61,6 +62,13 @@ def blocks_with_all_allowed(plain: list[Any]) -> list[Any]:
     """The fields, lengths and blocks of a fragment of schema 4, with the block that came after."""
     lengths = plain[1]
     return [*plain, bytes([ALL_ACTIONS]) * (lengths["N"] + lengths["D"])]
+
+
+def with_all_allowed(state: Mapping[str, NDArray[Any]], column: str) -> Mapping[str, NDArray[Any]]:
+    """The state of a replay; before schema 5 it had no `column` that says what was allowed."""
+    if column in state or "action_tm1" not in state:
+        return state
+    return {**state, column: np.full(len(state["action_tm1"]), ALL_ACTIONS, np.uint8)}
 
 
 def _all_allowed(course: dict[str, Any], decisions: dict[str, Any]) -> dict[str, Any]:

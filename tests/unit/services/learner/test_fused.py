@@ -7,6 +7,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_episodes import some_allowed
 from made_networks import first_of
 
 from common.policy.actor_critic import build_actor_critic
@@ -84,9 +85,11 @@ def observations(rng, rows, n_features):
 
 
 def experience(rng, rows, n_features, n_actions):
+    action = rng.integers(n_actions, size=rows)
     return Experience(
         observation_tm1=observations(rng, rows, n_features),
-        action_tm1=rng.integers(n_actions, size=rows),
+        action_tm1=action,
+        allowed_tm1=some_allowed(rng, n_actions, rows, action),
         return_t=-rng.random(rows, np.float32),
         least_return_t=-rng.random(rows, np.float32),
         log_probability_tm1=np.float32(-np.log(n_actions) - 0.2) + np.float32(0.4) * rng.random(rows, np.float32),
@@ -100,6 +103,7 @@ def transitions(rng, rows, n_features, n_actions):
         action_tm1=rng.integers(n_actions, size=rows),
         reward_t=-rng.random(rows, np.float32),
         discount_t=rng.choice([0, 0.9], rows).astype(np.float32),
+        allowed_t=some_allowed(rng, n_actions, rows),
         observation_t=observations(rng, rows, n_features),
         weights=rng.random(rows, np.float32),
     )
