@@ -10,7 +10,16 @@ from common.levels.distributions import AnyLevels, LevelName
 from common.rules.settings import Mode
 from common.strict import Strict
 
-Reference = Literal["random", "shortest-path", "deadlock-avoidance", "deadlock-avoidance-entering", "planner", "alone"]
+Reference = Literal[
+    "random",
+    "shortest-path",
+    "shortest-path-safe",
+    "shortest-path-planned",
+    "deadlock-avoidance",
+    "deadlock-avoidance-entering",
+    "planner",
+    "alone",
+]
 DRAWING: tuple[Reference, ...] = ("random", "planner")  # references that draw
 ORDERS = 50
 EPISODES = 100  # evaluation levels, if no number is given and so many are held out

@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
 """Proofs that all trains on the map can still run to their targets.
 
 A train *claims* the cells from where it rests to the end of its route. It can run home if nobody else rests before it
@@ -63,7 +64,7 @@ def resting_place(
     for place in range(1, length):
         cell = cells[route[place] >> 2]
         other = cell["occupant"]
-        if other != NOTHING and other != at and trains[other]["rest"] == UNKNOWN:
+        if other >= 0 and other != at and trains[other]["rest"] == UNKNOWN:
             return UNKNOWN
         if cell["resting"] != NOTHING:
             return place - 1
@@ -148,10 +149,10 @@ def runs_home(batch: Batch, slot: int, signals: Signals, at: int, straight: bool
 @bare_kernel
 def is_hindered(cells: NDArray[np.void], route: NDArray[np.int32], rest: int, length: int) -> bool:
     """Whether somebody else rests before a train on its route."""
+    hindered = False
     for place in range(rest + 1, length):
-        if cells[route[place] >> 2]["resting"] != NOTHING:
-            return True
-    return False
+        hindered = hindered or cells[route[place] >> 2]["resting"] != NOTHING
+    return hindered
 
 
 @bare_kernel
@@ -198,7 +199,7 @@ def search(
     room: NDArray[np.int32],
     numbers: NDArray[np.int32],
 ) -> int:
-    """Go wherever nobody claims a cell: NOTHING once the target is there, else how many places of the queue were seen."""
+    """Go wherever nobody claims a cell: NOTHING once the target is there, else how many places were seen, as queued."""
     queue, stamps = room[QUEUE], room[STAMPS]
     numbers[SEARCHES] += 1
     stamp = numbers[SEARCHES]
