@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
 """Asking the trains of one world in turn, from Python; `common.rail.interlocking.asking` says what is asked."""
 
 from collections.abc import Iterator
@@ -29,10 +28,10 @@ class Asking(Protocol):
 class Interlocked:
     """An `Asking` of a slot of a batch."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913
         self, batch: Batch, slot: int, mode: int, decisions: int, signals: Signals, deciding: NDArray[np.bool_]
     ) -> None:
-        """`deciding` [N] are the trains to ask."""
+        """`deciding` [N] are the trains to ask, by the rule of `decisions`."""
         self._told = batch, slot, mode
         self._signals, self._deciding = signals, deciding
         begin(*self._told, decisions, signals)
@@ -60,15 +59,17 @@ class Free:
         """Nobody hears of it."""
 
 
-def asking_of(
+def asking_of(  # noqa: PLR0913
     batch: Batch, slot: int, mode: int, decisions: int, signals: Signals, deciding: NDArray[np.bool_]
 ) -> Asking:
-    """A round of questions to the trains of a slot of which `deciding` [N] holds, by this rule of decisions."""
+    """A round of questions to the trains of a slot of which `deciding` [N] holds."""
     return Free(deciding) if mode == OFF else Interlocked(batch, slot, mode, decisions, signals, deciding)
 
 
 @bare_kernel
-def allowed_each(batch: Batch, slot: int, mode: int, decisions: int, signals: Signals, bits: NDArray[np.uint8]) -> None:
+def allowed_each(  # noqa: PLR0913
+    batch: Batch, slot: int, mode: int, decisions: int, signals: Signals, bits: NDArray[np.uint8]
+) -> None:
     """Fill `bits` [at least N] with what each train of a slot would be allowed if it were asked before all others.
 
     Who has arrived, or does not exist, is forbidden nothing.

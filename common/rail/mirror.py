@@ -12,15 +12,13 @@ from common.levels.distributions import Bounds, Rules
 from common.levels.level import Level
 from common.rail.asking import Asking, asking_of
 from common.rail.compiled.arrays import IS_OCCUPIED, NOTHING, NOWHERE
+from common.rail.compiled.batches import bind
 from common.rail.compiled.decisions import Decisions
 from common.rail.compiled.world import CompiledWorld
 from common.rail.flatland_env import LegacyActions
 from common.rail.interlocking.signals import Interlocking
 from common.rail.observations.table import AnyObservation, header_of, look
 from common.rail.rewards.table import AnyReward, pay
-from common.rail.world import MOVE_LEFT, MOVE_RIGHT
-
-MOVES = range(MOVE_LEFT, MOVE_RIGHT + 1)
 
 
 class Mirror:
@@ -33,8 +31,8 @@ class Mirror:
         observation: AnyObservation,
         rules: Rules,
         bounds: Bounds | None,
+        decisions: Decisions,
         reward: AnyReward,
-        decisions: Decisions = "cells",
         interlocking: Interlocking = "off",
         actions: LegacyActions | None = None,
     ) -> None:
@@ -42,7 +40,6 @@ class Mirror:
         self._env: Any = env
         self._actions = actions
         self._observation = header_of(observation, rules, bounds)
-        self._moves = [NOTHING] * level.n_trains  # of those that decided
         self._n_features = observation.n_features(bounds)
         self._world = CompiledWorld(
             1, level.n_trains, rules=rules, decisions=decisions, reward=reward, interlocking=interlocking
@@ -51,11 +48,6 @@ class Mirror:
         cells = self._world.batch.cells[0, : self._world.batch.worlds[0]["cells"]]
         places = zip(cells["row"].tolist(), cells["column"].tolist(), strict=True)
         self._numbers = {place: number for number, place in enumerate(places)}
-
-    def tell(self, actions: Sequence[int], deciding: Sequence[bool]) -> None:
-        """Say what trains [N] are told in a step of stock rules before it is taken, and which of them decide."""
-        told = zip(actions, deciding, strict=True)
-        self._moves = [action if decides and action in MOVES else NOTHING for action, decides in told]
 
     def update(self) -> None:
         """Take over what has become of the environment, which plays the level."""
@@ -69,12 +61,7 @@ class Mirror:
         codes &= ~IS_OCCUPIED
         for at, agent in enumerate(agents):
             train = self._world.batch.trains[0, at]
-            before = int(train["config"])
             self._copy_train(train, agent, int(world["unit"]))
-            if train["config"] != before:
-                train["bound"] = NOTHING
-            elif before != NOWHERE and self._moves[at] != NOTHING:
-                train["bound"] = self._moves[at]
             if self._actions is not None:
                 driver = self._actions.drivers[at]
                 train["committed"] = NOTHING if driver.committed is None else driver.committed
@@ -102,6 +89,12 @@ class Mirror:
         rewards = np.zeros(self._world.max_trains, np.float32)
         pay(parts.batch, 0, rewards, parts.reward)
         return rewards
+
+    def bind(self, actions: Sequence[int], deciding: NDArray[np.bool_]) -> None:
+        """Note who was hindered in a step, once it is taken over; `deciding` [N] are those that decided before it."""
+        trains = self._world.batch.trains[0]
+        trains["action"] = actions
+        bind(trains, deciding)
 
     def ask(self, deciding: NDArray[np.bool_]) -> Asking:
         """As `World.ask`, of the trains of which `deciding` [N] holds."""
