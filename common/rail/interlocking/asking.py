@@ -167,7 +167,7 @@ def is_safe(batch: Batch, slot: int, mode: int, at: int, action: int, signals: S
     of["length"], cell["occupant"] = length, at
     settle(batch, slot, signals)
     goes = of["rest"] >= on_map or of["rest"] == NOTHING
-    proven = is_proven(batch, slot, signals, mode == PLANNED and goes) and goes
+    proven = is_proven(batch, slot, signals, at, mode == PLANNED and goes) and goes
     of["length"] = on_map
     if not on_map:
         cell["occupant"] = NOTHING

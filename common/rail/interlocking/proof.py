@@ -88,16 +88,26 @@ def vanish(cells: NDArray[np.void], route: NDArray[np.int32], rest: int, length:
 
 
 @bare_kernel
-def is_proven(batch: Batch, slot: int, signals: Signals, steps_aside: bool) -> bool:
-    """Whether all trains get home from where they rest, if `steps_aside` once one has been moved; undoes `settle`."""
+def is_proven(batch: Batch, slot: int, signals: Signals, mover: int, steps_aside: bool) -> bool:
+    """Whether all trains get home from where they rest, if `steps_aside` once one has been moved; undoes `settle`.
+
+    A `mover` is a train, or NOTHING, that has moved since this was last so: once it gets home itself, it is so again.
+    """
     trains, n_trains = signals.trains, batch.worlds[slot]["trains"]
     remain = 0
     for at in range(n_trains):
         trains[at]["left"] = trains[at]["rest"] != NOTHING
         remain += trains[at]["left"]
-    home = send_home(batch, slot, signals, 0, remain)
-    remain -= home
-    proven = remain == 0 or (steps_aside and somebody_steps_aside(batch, slot, signals, home, remain))
+    proven = remain == 0
+    if mover != NOTHING and not proven:
+        proven = not trains[mover]["left"]
+        for detour in range(2):
+            if not proven and runs_home(batch, slot, signals, mover, not detour):
+                trains[mover]["left"], proven = False, True
+    if not proven:
+        home = send_home(batch, slot, signals, 0, remain)
+        remain -= home
+        proven = remain == 0 or (steps_aside and somebody_steps_aside(batch, slot, signals, home, remain))
     for at in range(n_trains):
         if trains[at]["left"]:
             vanish(signals.cells, signals.routes[at], trains[at]["rest"], trains[at]["length"])

@@ -41,5 +41,5 @@ def following(batch: Batch, state: Places) -> Iterator[Places]:
                 to = int(leads[(here & ~3) + way])
                 if distance[to] < UNREACHED and to >> 2 not in taken:
                     place = NOWHERE if distance[to] == 0 else to
-                    steps.append((-int(distance[to]), state[:train] + (place,) + state[train + 1 :]))
+                    steps.append((-int(distance[to]), (*state[:train], place, *state[train + 1 :])))
     yield from (after for _, after in sorted(steps))

@@ -78,7 +78,7 @@ class Watched:
     def is_proven(self) -> bool:
         signals = self.begin()
         settle(self.batch, 0, signals)
-        return is_proven(self.batch, 0, signals, self.mode == PLANNED)
+        return is_proven(self.batch, 0, signals, NOTHING, self.mode == PLANNED)
 
     def stands(self) -> bool:
         """Whether somebody is on the map, and nobody moves on or is broken down."""
