@@ -71,7 +71,7 @@ class FlatlandEpisode:
         sight = sight_of(*told, self._env, level)
         self._mirror: Mirror | None = None
         if sight is None or self._pays_by_mirror:
-            self._mirror = Mirror(self._env, level, *told, settings.reward)
+            self._mirror = Mirror(self._env, level, *told, settings.decisions, settings.reward, self._actions)
         self._sight: Any = self._mirror if sight is None else sight
         self._look()
 

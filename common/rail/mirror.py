@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 from common.levels.distributions import Bounds, Rules
 from common.levels.level import Level
 from common.rail.compiled.arrays import IS_OCCUPIED, NOTHING, NOWHERE
+from common.rail.compiled.decisions import Decisions
 from common.rail.compiled.world import CompiledWorld
-from common.rail.observations.table import AnyObservation, header_of, look
+from common.rail.flatland_env import LegacyActions
+from common.rail.observations.table import AnyObservation, look
 from common.rail.rewards.table import AnyReward, pay
+
+STANDING = (TrainState.READY_TO_DEPART, TrainState.STOPPED, TrainState.MALFUNCTION, TrainState.MALFUNCTION_OFF_MAP)
 
 
 class Mirror:
@@ -25,12 +29,17 @@ class Mirror:
         observation: AnyObservation,
         rules: Rules,
         bounds: Bounds | None,
+        decisions: Decisions,
         reward: AnyReward,
+        actions: LegacyActions | None = None,
     ) -> None:
+        """Show an environment that was just loaded with a level; `actions` know which trains are committed."""
         self._env: Any = env
-        self._observation = header_of(observation, rules, bounds)
+        self._actions = actions
         self._n_features = observation.n_features(bounds)
-        self._world = CompiledWorld(1, level.n_trains, rules=rules, reward=reward)
+        self._world = CompiledWorld(
+            1, level.n_trains, rules=rules, observation=observation, decisions=decisions, reward=reward, bounds=bounds
+        )
         self._world.load(0, level)
         cells = self._world.batch.cells[0, : self._world.batch.worlds[0]["cells"]]
         places = zip(cells["row"].tolist(), cells["column"].tolist(), strict=True)
@@ -40,15 +49,19 @@ class Mirror:
         """Take over what has become of the environment, which plays the level."""
         env, agents = self._env, self._env.agents
         world: Any = self._world.batch.worlds[0]
-        world["time"] = env._elapsed_steps  # noqa: SLF001  (there is no other way to ask)
+        passed = env._elapsed_steps - int(world["time"])  # noqa: SLF001  (there is no other way to ask)
+        world["time"] += passed
         world["over"] = env.dones["__all__"]
         world["all_arrived"] = all(agent.state == TrainState.DONE for agent in agents)
         cells, codes = self._world.batch.cells[0], self._world.batch.codes[0]
         cells["train"], cells["waiting"] = NOTHING, 0
         codes &= ~IS_OCCUPIED
+        committed = [None] * len(agents) if self._actions is None else self._actions.committed
         for at, agent in enumerate(agents):
             train = self._world.batch.trains[0, at]
             self._copy_train(train, agent, int(world["unit"]))
+            train["committed"] = NOTHING if committed[at] is None else committed[at]
+            train["stood"] = train["stood"] + passed if agent.state in STANDING else 0
             if train["config"] != NOWHERE:
                 cell = int(train["config"]) >> 2
                 cells[cell]["train"] = at
@@ -62,7 +75,7 @@ class Mirror:
         asking = np.zeros_like(parts.deciding)
         asking[0, train] = True
         vectors = np.empty((1, self._n_features), np.float32)
-        look(parts.batch, parts.sight, self._observation, asking, vectors)
+        look(parts.batch, parts.sight, parts.observation, asking, vectors)
         vector: NDArray[np.float32] = vectors[0]
         return vector
 
@@ -79,6 +92,7 @@ class Mirror:
         train["before"] = self._configuration(agent.old_configuration)
         train["finish"] = self._configuration(agent.target_configuration)
         train["speed"] = int(agent.speed_counter.speed * unit)
+        train["distance"] = int(agent.speed_counter.distance * unit)
         train["malfunction"] = agent.malfunction_handler.malfunction_down_counter
         train["arrived_at"] = NOTHING if agent.arrival_time is None else agent.arrival_time
 
