@@ -13,7 +13,7 @@ from common.rail.compiled.arrays import IS_OCCUPIED, NOTHING, NOWHERE
 from common.rail.compiled.decisions import Decisions
 from common.rail.compiled.world import CompiledWorld
 from common.rail.flatland_env import LegacyActions
-from common.rail.observations.table import AnyObservation, look
+from common.rail.observations.table import AnyObservation, header_of, look
 from common.rail.rewards.table import AnyReward, pay
 
 STANDING = (TrainState.READY_TO_DEPART, TrainState.STOPPED, TrainState.MALFUNCTION, TrainState.MALFUNCTION_OFF_MAP)
@@ -36,10 +36,9 @@ class Mirror:
         """Show an environment that was just loaded with a level; `actions` know which trains are committed."""
         self._env: Any = env
         self._actions = actions
+        self._observation = header_of(observation, rules, bounds, decisions)
         self._n_features = observation.n_features(bounds)
-        self._world = CompiledWorld(
-            1, level.n_trains, rules=rules, observation=observation, decisions=decisions, reward=reward, bounds=bounds
-        )
+        self._world = CompiledWorld(1, level.n_trains, rules=rules, reward=reward)
         self._world.load(0, level)
         cells = self._world.batch.cells[0, : self._world.batch.worlds[0]["cells"]]
         places = zip(cells["row"].tolist(), cells["column"].tolist(), strict=True)
@@ -75,7 +74,7 @@ class Mirror:
         asking = np.zeros_like(parts.deciding)
         asking[0, train] = True
         vectors = np.empty((1, self._n_features), np.float32)
-        look(parts.batch, parts.sight, parts.observation, asking, vectors)
+        look(parts.batch, parts.sight, self._observation, asking, vectors)
         vector: NDArray[np.float32] = vectors[0]
         return vector
 
