@@ -8,8 +8,9 @@ from made_rails import EAST, WEST, line, passing_loop, scheduled
 
 from common.levels.level import Level
 from common.levels.shipped import generate
-from common.rail.compiled.arrays import NOTHING, NOWHERE
-from common.rail.compiled.conflicts import N_NUMBERS
+from common.rail.compiled.arrays import NOTHING, NOWHERE, empty_batch
+from common.rail.compiled.conflicts import N_NUMBERS, compare
+from common.rail.compiled.ways import ways_for
 from common.rail.compiled.world import CompiledWorld
 from common.rail.observations.traffic import TrafficObservation
 from common.rail.observations.traffic_numbers import N_EXIT, N_OTHER, N_TRAIN
@@ -73,6 +74,20 @@ def test_another_train_by_hand():
     assert not seen.meetings[1].any()
 
 
+def test_both_may_wait_before_a_stretch():
+    """Off the map, too; after the first stretch there is another one, which does not count."""
+    seen = Seen(played(line((1, EAST, 4), (6, EAST, 0)), 0), 0)
+    same(seen.meetings[0, FORWARD, [1, 2, 3, 6, 7]], [0.98, 0.2, 0.94, 0.2, 0.6])
+    ways = ways_for(empty_batch(1, 1, cells=10))
+    for row, cells in enumerate(([6, 0, 1, 2, 3, 4, 5], [5, 4, 9, 8, 7, 1, 0])):
+        ways.paths[row, :7], ways.lengths[row] = 4 * np.array(cells), 7
+        ways.places[row, cells] = range(7)
+        ways.paces[row] = 1
+    numbers = np.zeros(N_NUMBERS, np.float32)
+    assert compare(ways, 0, 1, numbers) == 1
+    same(numbers[:8], [1, 0.98, 0.1, 0.9, 0.15, -0.25, 0.2, 0.6])
+
+
 def test_what_follows_by_hand():
     """The second train is where the first comes from: behind it by two cells, then beside it, then late."""
     world = played(line((3, EAST, 6), (1, EAST, 5)), 1)
@@ -87,12 +102,12 @@ def test_what_follows_by_hand():
 def test_speeds_malfunctions_and_departures_count_in_steps():
     level = scheduled(passing_loop(*OPPOSITE, max_steps=40), speeds=[(1, 2), (1, 4)], arrivals=[20, 40])
     world = played(level, 4, "stock")  # the first has just come to the switch, the second is in the middle of its cell
-    world.batch.trains[0, 1]["malfunction"] = 6
+    world.batch.trains[0, 1]["malfunction"] = 2
     seen = Seen(world, 0)
     same(seen.train[[6, 7, 12]], [0.7, 0.2, 0.5])
-    same(seen.exits[FORWARD, [10, 11, 13]], [0.92, 0, 0.3])
-    same(seen.others[0], [1, 1, 0, 0, 0.06, 0.3, 0.25, 0, 0.92, 0.92])
-    same(seen.meetings[0, FORWARD], [1, 1, 0.25, 1, -0.4, -1, 0, 0, 1, 1, 0, 0.92, 0.4, 0.92, 0.04])
+    same(seen.exits[FORWARD, [10, 11, 13]], [0.92, 0, 0.1])
+    same(seen.others[0], [1, 1, 0, 0, 0.06, 0.1, 0.25, 0, 0.92, 0.92])
+    same(seen.meetings[0, FORWARD], [1, 1, 0.25, 1, -0.4, -0.8, 0, 0, 1, 1, 0, 0.92, 0.4, 0.92, 0.04])
     later = scheduled(passing_loop(*OPPOSITE, max_steps=40), departures=[0, 9])
     same(Seen(played(later, 3, "stock"), 0).meetings[0, FORWARD, [4, 5]], [0.15, -0.55])
 
