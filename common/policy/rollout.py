@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from common.kernel import bare_kernel, kernel
 from common.levels.level import Level
-from common.policy.choosing import choose, draw_counter, log_probability
+from common.policy.choosing import choose, draw_counter, is_policy, log_probability
 from common.policy.compiled import Twin
-from common.policy.packing import ACTOR_CRITIC
 from common.policy.player import NO_ACTIONS, Acting
 from common.policy.twin import forward_row, workspace_size
 from common.rail.compiled.batches import step_all
@@ -124,9 +123,8 @@ def run(
                 counter = np.uint64(draw_counter(step, n_trains, train))
                 action = choose(header, scores, greedy, epsilon, key, counter)
                 doing[0, train] = notes.actions[at] = action
-                is_policy = header[0] == ACTOR_CRITIC
-                notes.log_probabilities[at] = log_probability(scores, action) if is_policy else 0.0
-                notes.values[at] = out[n_actions] if is_policy else np.float32(0)
+                notes.log_probabilities[at] = log_probability(scores, action) if is_policy(header) else 0.0
+                notes.values[at] = out[n_actions] if is_policy(header) else np.float32(0)
             decisions += asking
         tick(parts, doing, gained, step, arrived_at)
         for train in range(n_trains):

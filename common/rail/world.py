@@ -10,7 +10,6 @@ from common.levels.level import Level
 
 N_ACTIONS = 5
 DO_NOTHING, MOVE_LEFT, MOVE_FORWARD, MOVE_RIGHT, STOP_MOVING = range(N_ACTIONS)
-N_EXITS = 3  # left, forward, right
 
 
 class World(Protocol):

@@ -42,7 +42,7 @@ from common.rail.flatland_env import LegacyActions, LevelEnv, StudyRewards
 from common.rail.normalise import N_NODE_FEATURES, N_NODES, normalise
 from common.rail.observations.table import AnyObservation
 from common.rail.observations.traffic import TrafficObservation
-from common.rail.observations.traffic_numbers import N_EXIT, N_TRAIN
+from common.rail.observations.traffic_shape import N_EXIT, N_TRAIN
 from common.rail.observations.tree import TreeObservation
 from common.rail.plain_env import StartReady, plain_environment
 from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, N_ACTIONS

@@ -32,7 +32,6 @@ from common.kernel import bare_kernel
 from common.rail.compiled.arrays import NOTHING, NOWHERE
 from common.rail.compiled.ways import Ways, steps_to
 
-N_NUMBERS: Final = 15
 NEAR_CELLS: Final = 50.0
 STRETCH_CELLS: Final = 20.0
 MARGIN_STEPS: Final = 20.0

@@ -35,10 +35,9 @@ from common.rail.compiled.arrays import (
     WAYS,
     Batch,
 )
-from common.rail.compiled.conflicts import N_NUMBERS
 from common.rail.compiled.ways import Ways, ways_for
 from common.rail.interlocking.signals import Signals, signals_for
-from common.rail.world import N_EXITS
+from common.rail.observations.traffic_shape import N_EXITS, N_MEETING
 
 STOCK: Final = 0
 LEGACY: Final = 1
@@ -106,7 +105,7 @@ def sight_of(batch: Batch, predicted_steps: int) -> Sight:
         stamps=np.zeros(cells * 4 + 1, np.int64),
         ways=ways_for(batch),
         signals=signals_for(batch),
-        meetings=np.zeros((n_trains, N_EXITS, N_NUMBERS), np.float32),
+        meetings=np.zeros((n_trains, N_EXITS, N_MEETING), np.float32),
         soon=np.zeros((n_trains, N_EXITS + 1)),
         apart=np.zeros(n_trains, np.int32),
     )

@@ -67,20 +67,12 @@ from pydantic import Field
 from common.kernel import bare_kernel
 from common.levels.distributions import Bounds, Rules
 from common.rail.compiled.arrays import DONE, Batch
-from common.rail.compiled.conflicts import N_NUMBERS
 from common.rail.compiled.tree import Sight
 from common.rail.compiled.ways import find_ways
 from common.rail.interlocking.asking import begin
 from common.rail.interlocking.signals import SAFE
-from common.rail.observations.traffic_numbers import (
-    N_EXIT,
-    N_OTHER,
-    N_TRAIN,
-    describe_exits,
-    describe_others,
-    describe_train,
-)
-from common.rail.world import N_EXITS
+from common.rail.observations.traffic_numbers import describe_exits, describe_others, describe_train
+from common.rail.observations.traffic_shape import EXITS_END, N_EXIT, N_EXITS, N_ROW, N_TRAIN
 from common.strict import Strict
 
 
@@ -106,7 +98,7 @@ class TrafficObservation(Strict):
 
     def n_features(self, bounds: Bounds | None = None) -> int:  # noqa: ARG002  (other observations depend on it)
         """F = 61 + 55 * others."""
-        return N_TRAIN + N_EXITS * N_EXIT + self.others * (N_OTHER + N_EXITS * N_NUMBERS)
+        return EXITS_END + self.others * N_ROW
 
     def header(self, rules: Rules, bounds: Bounds | None) -> tuple[int, ...]:  # noqa: ARG002
         """What `look_at_traffic` is told: the number of rows."""
@@ -123,7 +115,7 @@ def look_at_traffic(
     vectors: NDArray[np.float32],
 ) -> None:
     """Fill `vectors` [K, F], zeros so far, of the K trains that `asking` [E, N] marks; who has arrived sees nothing."""
-    exits, others = N_TRAIN + N_EXITS * N_EXIT, int(header[0])
+    others = int(header[0])
     row = 0
     for slot in range(len(asking)):
         known = False
@@ -139,6 +131,6 @@ def look_at_traffic(
                 begin(batch, slot, SAFE, sight.signals)
                 known = True
             describe_train(batch, slot, at, sight, vector[:N_TRAIN])
-            describe_exits(batch, slot, at, sight, decisions, vector[N_TRAIN:exits].reshape((N_EXITS, N_EXIT)))
-            rows = vector[exits:].reshape((others, N_OTHER + N_EXITS * N_NUMBERS))
-            describe_others(batch, slot, at, sight, vector[N_TRAIN:exits].reshape((N_EXITS, N_EXIT)), rows)
+            describe_exits(batch, slot, at, sight, decisions, vector[N_TRAIN:EXITS_END].reshape((N_EXITS, N_EXIT)))
+            rows = vector[EXITS_END:].reshape((others, N_ROW))
+            describe_others(batch, slot, at, sight, vector[N_TRAIN:EXITS_END].reshape((N_EXITS, N_EXIT)), rows)

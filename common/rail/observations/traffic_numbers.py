@@ -7,18 +7,16 @@ from numpy.typing import NDArray
 
 from common.kernel import bare_kernel
 from common.rail.compiled.arrays import BROKEN, DONE, NOTHING, NOWHERE, STOPPED, UNREACHED, Batch
-from common.rail.compiled.conflicts import N_NUMBERS, NEVER, compare, nearness, scaled
+from common.rail.compiled.conflicts import NEVER, compare, nearness, scaled
 from common.rail.compiled.decisions import decides_there
 from common.rail.compiled.step import leave
 from common.rail.compiled.tree import Sight
 from common.rail.compiled.ways import trace
 from common.rail.interlocking.asking import allowed, valid
 from common.rail.interlocking.signals import SAFE
-from common.rail.world import MOVE_LEFT, N_EXITS
+from common.rail.observations.traffic_shape import N_EXITS, N_MEETING, N_OTHER
+from common.rail.world import MOVE_LEFT
 
-N_TRAIN: Final = 13
-N_EXIT: Final = 16
-N_OTHER: Final = 10
 JOURNEY_CELLS: Final = 100.0
 DETOUR_CELLS: Final = 25.0
 STOP_CELLS: Final = 20.0
@@ -209,6 +207,6 @@ def describe_other(batch: Batch, slot: int, at: int, other: int, sight: Sight, n
     place = int(ways.places[other, here >> 2])
     if place != NOTHING:
         numbers[9] = nearness(place)
-    meetings = sight.meetings[other].reshape(N_EXITS * N_NUMBERS)
+    meetings = sight.meetings[other].reshape(N_EXITS * N_MEETING)
     for at_number in range(len(meetings)):
         numbers[N_OTHER + at_number] = meetings[at_number]

@@ -9,12 +9,12 @@ from made_rails import EAST, WEST, line, passing_loop, scheduled
 from common.levels.level import Level
 from common.levels.shipped import generate
 from common.rail.compiled.arrays import NOTHING, NOWHERE, empty_batch
-from common.rail.compiled.conflicts import N_NUMBERS, compare
+from common.rail.compiled.conflicts import compare
 from common.rail.compiled.ways import ways_for
 from common.rail.compiled.world import CompiledWorld
 from common.rail.observations.traffic import TrafficObservation
-from common.rail.observations.traffic_numbers import N_EXIT, N_OTHER, N_TRAIN
-from common.rail.world import MOVE_FORWARD, MOVE_RIGHT, N_EXITS, STOP_MOVING
+from common.rail.observations.traffic_shape import N_EXIT, N_EXITS, N_MEETING, N_OTHER, N_TRAIN
+from common.rail.world import MOVE_FORWARD, MOVE_RIGHT, STOP_MOVING
 
 LEFT, FORWARD, RIGHT = range(N_EXITS)
 OPPOSITE = (1, EAST, 6), (6, EAST, 0)  # the second comes out of a dead end
@@ -28,9 +28,9 @@ class Seen:
     def __init__(self, world: CompiledWorld, train: int) -> None:
         self.vector = world.observe(0, train)
         end = N_TRAIN + N_EXITS * N_EXIT
-        rows = self.vector[end:].reshape(-1, N_OTHER + N_EXITS * N_NUMBERS)
+        rows = self.vector[end:].reshape(-1, N_OTHER + N_EXITS * N_MEETING)
         self.train, self.exits = self.vector[:N_TRAIN], self.vector[N_TRAIN:end].reshape(N_EXITS, N_EXIT)
-        self.others, self.meetings = rows[:, :N_OTHER], rows[:, N_OTHER:].reshape(-1, N_EXITS, N_NUMBERS)
+        self.others, self.meetings = rows[:, :N_OTHER], rows[:, N_OTHER:].reshape(-1, N_EXITS, N_MEETING)
 
 
 def played(
@@ -83,7 +83,7 @@ def test_both_may_wait_before_a_stretch():
         ways.paths[row, :7], ways.lengths[row] = 4 * np.array(cells), 7
         ways.places[row, cells] = range(7)
         ways.paces[row] = 1
-    numbers = np.zeros(N_NUMBERS, np.float32)
+    numbers = np.zeros(N_MEETING, np.float32)
     assert compare(ways, 0, 1, numbers) == 1
     same(numbers[:8], [1, 0.98, 0.1, 0.9, 0.15, -0.25, 0.2, 0.6])
 
