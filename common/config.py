@@ -93,6 +93,13 @@ class RunConfig(Strict):
         return self
 
     @model_validator(mode="after")
+    def _exits_are_seen(self) -> Self:
+        seen = self.world.observation.kind
+        if self.learning.network.kind == "exits" and seen != "traffic":
+            raise ValueError(f"network.kind exits: it has no use for a {seen} observation, make it traffic")
+        return self
+
+    @model_validator(mode="after")
     def _fragments_are_serial(self) -> Self:
         if self.lag > 0 and self.learning.steps_a_fragment is not None:
             raise ValueError(f"lag {self.lag} needs whole episodes: add --set fragment_steps=null")

@@ -11,11 +11,17 @@ from numpy.typing import NDArray
 
 from common.kernel import bare_kernel
 from common.policy.arithmetic import Real, exp, log
-from common.policy.packing import ACTOR_CRITIC
+from common.policy.packing import ACTOR_CRITIC, EXITS
 from common.policy.streams import uniform
 
 NOTHING = -1
 _ONE = np.uint64(1)
+
+
+@bare_kernel
+def is_policy(header: NDArray[np.int64]) -> bool:
+    """Whether a network's outputs are logits and the state's value; else action values."""
+    return bool(header[0] == ACTOR_CRITIC or header[0] == EXITS)
 
 
 @bare_kernel
@@ -111,7 +117,7 @@ def choose(
     """
     if greedy:
         return best(scores, allowed)
-    if header[0] == ACTOR_CRITIC:
+    if is_policy(header):
         return softmax_sample(scores, allowed, key, counter)
     return epsilon_greedy(scores, allowed, epsilon, key, counter)
 

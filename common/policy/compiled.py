@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import kernel
-from common.policy.choosing import choose, draw_counter, log_probability
+from common.policy.choosing import choose, draw_counter, is_policy, log_probability
 from common.policy.flat import Arrays
-from common.policy.packing import ACTOR_CRITIC, Layout
+from common.policy.packing import Layout
 from common.policy.twin import forward
 from common.rail.interlocking.signals import ALL_ACTIONS
 from common.rail.play import Choose, Decision
@@ -59,7 +59,7 @@ def choose_rows(
         scores, bits = outputs[row, :n_actions], int(allowed[row])
         action = choose(header, scores, bits, greedy, epsilons[row], keys[row], counters[row])
         actions[row] = action
-        log_probabilities[row] = log_probability(scores, bits, action) if header[0] == ACTOR_CRITIC else 0.0
+        log_probabilities[row] = log_probability(scores, bits, action) if is_policy(header) else 0.0
 
 
 class Chooser(Protocol):
@@ -85,7 +85,7 @@ class Chooser(Protocol):
     @property
     def is_policy(self) -> bool:
         """Outputs are logits and the state's value; else action values."""
-        return bool(self.header[0] == ACTOR_CRITIC)
+        return bool(is_policy(self.header))
 
     def zero_state(self, rows: int) -> NDArray[np.float32]:
         """[R, S]: what trains carry along before their first decision; S is 0 but for recurrent networks."""

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from common.policy.exit_layers import exit_layers
 from common.policy.orthogonal import orthogonal
 from common.policy.packing import GATES
 from common.rules.settings import NetworkConfig
@@ -64,11 +65,14 @@ def first_actor_critic(config: NetworkConfig, n_features: int, n_actions: int, s
             (half, widths[-1], width, gain),
         )
     ]
-    weights: Weights = {}
-    for index, (name, n_in, n_out, gain) in enumerate(layers):
-        weights[f"{name}.weight"] = orthogonal(n_out, n_in, gain, stream_key(seed, index, "orthogonal"))
-        weights[f"{name}.bias"] = np.zeros(n_out, np.float32)
-    return FirstNetwork(n_features, n_actions, config, weights)
+    return FirstNetwork(n_features, n_actions, config, _orthogonal_layers(layers, seed))
+
+
+def first_exits(config: NetworkConfig, n_features: int, n_actions: int, seed: int) -> FirstNetwork:
+    """That of an `ExitsNetwork`: as that of an `ActorCritic`."""
+    gains = {"move": ACTOR_GAIN, "stay": ACTOR_GAIN, "value": CRITIC_GAIN}
+    layers = [(*layer, gains.get(layer.name, HIDDEN_GAIN)) for layer in exit_layers(config.hidden)]
+    return FirstNetwork(n_features, n_actions, config, _orthogonal_layers(layers, seed))
 
 
 def first_recurrent(config: NetworkConfig, n_features: int, n_actions: int, seed: int) -> FirstNetwork:
@@ -93,6 +97,15 @@ def first_recurrent(config: NetworkConfig, n_features: int, n_actions: int, seed
 def _named(name: str, widths: Sequence[int]) -> Iterator[tuple[str, int, int]]:
     """The layers of a stack: name, inputs, outputs."""
     return ((f"{name}.{number}", *pair) for number, pair in enumerate(itertools.pairwise(widths)))
+
+
+def _orthogonal_layers(layers: Sequence[tuple[str, int, int, float]], seed: int) -> Weights:
+    """Of layers' names, inputs, outputs and gains."""
+    weights: Weights = {}
+    for index, (name, n_in, n_out, gain) in enumerate(layers):
+        weights[f"{name}.weight"] = orthogonal(n_out, n_in, gain, stream_key(seed, index, "orthogonal"))
+        weights[f"{name}.bias"] = np.zeros(n_out, np.float32)
+    return weights
 
 
 def _uniform_layers(layers: Sequence[tuple[str, int, int]], rng: np.random.Generator) -> Weights:

@@ -10,6 +10,7 @@ up to whole blocks with zeros. In order:
 | dueling | hidden layers, head of V and advantages |
 | actor-critic | the actor's hidden layers, head of logits, the critic's hidden layers, head of V |
 | recurrent | weights of the LSTM's inputs, of its hidden state, two biases, then hidden layers and head as dueling |
+| exits | exit, row, query, shared hidden layers, head of one exit's logit, pooled, head of the other logits and V |
 
 A layer is its weights [in, out] and its biases [out]. The header is `kind, F, A, number of hidden widths, widths...`;
 for recurrent networks the first width is the LSTM's.
@@ -24,11 +25,19 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from common.policy.exit_layers import Layer, exit_layers
 from common.policy.flat import Arrays, Order, Place, even
 
-Kind = Literal["plain", "dueling", "actor-critic", "recurrent"]
-PLAIN, DUELING, ACTOR_CRITIC, RECURRENT = range(4)
-KINDS: dict[Kind, int] = {"plain": PLAIN, "dueling": DUELING, "actor-critic": ACTOR_CRITIC, "recurrent": RECURRENT}
+Kind = Literal["plain", "dueling", "actor-critic", "recurrent", "exits"]
+PLAIN, DUELING, ACTOR_CRITIC, RECURRENT, EXITS = range(5)
+KINDS: dict[Kind, int] = {
+    "plain": PLAIN,
+    "dueling": DUELING,
+    "actor-critic": ACTOR_CRITIC,
+    "recurrent": RECURRENT,
+    "exits": EXITS,
+}
+POLICIES = ("actor-critic", "exits")  # kinds whose outputs are logits and the state's value
 BLOCK = 8  # columns of a head that are summed together; a head's width is a multiple of it
 HEADER_WIDTHS = 4  # where the widths begin in the header
 GATES = 4  # of an LSTM: input, forget, cell, output
@@ -46,7 +55,7 @@ class Layout:
     @property
     def n_outputs(self) -> int:
         """Numbers a row: action values, or logits and the state's value."""
-        return self.n_actions + (self.kind == "actor-critic")
+        return self.n_actions + (self.kind in POLICIES)
 
     @property
     def n_state(self) -> int:
@@ -62,7 +71,9 @@ class Layout:
     def order(self) -> Order:
         """The order of the table above."""
         hidden, features, places = self.hidden, self.n_features, _Places()
-        if self.kind == "actor-critic":
+        if self.kind == "exits":
+            places.add_exits(exit_layers(hidden))
+        elif self.kind == "actor-critic":
             for part, width in {"actor": self.n_actions, "critic": 1}.items():
                 places.add_stack(f"{part}_hidden", (features, *hidden))
                 places.add_layer(hidden[-1], {part: width}, padded(width))
@@ -104,6 +115,13 @@ class _Places:
             self.found[f"{name}.bias"] = Place.counted((n_out,), biases, (1,))
             begin, biases = begin + n_out, biases + n_out
         self.end += (n_in + 1) * width
+
+    def add_exits(self, layers: Sequence[Layer]) -> None:
+        """The layers of a network of exits, its heads filled up to whole blocks."""
+        *body, stay, value = layers
+        for name, n_in, n_out in body:
+            self.add_layer(n_in, {name: n_out}, padded(n_out) if name == "move" else n_out)
+        self.add_layer(stay.n_in, {part.name: part.n_out for part in (stay, value)}, padded(stay.n_out + value.n_out))
 
     def add_cell(self, n_in: int, width: int) -> None:
         """An LSTM."""

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from common.kernel import bare_kernel, kernel
 from common.levels.level import Level
-from common.policy.choosing import choose, draw_counter, log_probability
+from common.policy.choosing import choose, draw_counter, is_policy, log_probability
 from common.policy.compiled import Twin
-from common.policy.packing import ACTOR_CRITIC
 from common.policy.player import NO_ACTIONS, Acting
 from common.policy.twin import forward_row, workspace_size
 from common.rail.compiled.batches import step_all
@@ -133,9 +132,8 @@ def run(
                 grant(parts.batch, 0, parts.interlocking, train, action, parts.signals)
                 doing[0, train] = notes.actions[at] = action
                 notes.allowed[at] = bits
-                is_policy = header[0] == ACTOR_CRITIC
-                notes.log_probabilities[at] = log_probability(scores, bits, action) if is_policy else 0.0
-                notes.values[at] = outputs[rows[train], n_actions] if is_policy else np.float32(0)
+                notes.log_probabilities[at] = log_probability(scores, bits, action) if is_policy(header) else 0.0
+                notes.values[at] = outputs[rows[train], n_actions] if is_policy(header) else np.float32(0)
             decisions += asking
         tick(parts, doing, gained, step, arrived_at)
         for train in range(n_trains):

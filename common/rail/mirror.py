@@ -20,6 +20,8 @@ from common.rail.interlocking.signals import Interlocking
 from common.rail.observations.table import AnyObservation, header_of, look
 from common.rail.rewards.table import AnyReward, pay
 
+STANDING = (TrainState.READY_TO_DEPART, TrainState.STOPPED, TrainState.MALFUNCTION, TrainState.MALFUNCTION_OFF_MAP)
+
 
 class Mirror:
     """The state of one environment in the arrays of a compiled world; to be updated after the start and every step."""
@@ -36,10 +38,10 @@ class Mirror:
         interlocking: Interlocking = "off",
         actions: LegacyActions | None = None,
     ) -> None:
-        """`actions`, of the rules of 2.2.2, are what an interlocking has to know besides."""
+        """Show an environment that was just loaded with a level; `actions` know which trains are committed."""
         self._env: Any = env
         self._actions = actions
-        self._observation = header_of(observation, rules, bounds)
+        self._observation = header_of(observation, rules, bounds, decisions)
         self._n_features = observation.n_features(bounds)
         self._world = CompiledWorld(
             1, level.n_trains, rules=rules, decisions=decisions, reward=reward, interlocking=interlocking
@@ -53,7 +55,8 @@ class Mirror:
         """Take over what has become of the environment, which plays the level."""
         env, agents = self._env, self._env.agents
         world: Any = self._world.batch.worlds[0]
-        world["time"] = env._elapsed_steps  # noqa: SLF001  (there is no other way to ask)
+        passed = env._elapsed_steps - int(world["time"])  # noqa: SLF001  (there is no other way to ask)
+        world["time"] += passed
         world["over"] = env.dones["__all__"]
         world["all_arrived"] = all(agent.state == TrainState.DONE for agent in agents)
         cells, codes = self._world.batch.cells[0], self._world.batch.codes[0]
@@ -66,6 +69,7 @@ class Mirror:
                 driver = self._actions.drivers[at]
                 train["committed"] = NOTHING if driver.committed is None else driver.committed
                 train["driving"] = driver.moving
+            train["stood"] = train["stood"] + passed if agent.state in STANDING else 0
             if train["config"] != NOWHERE:
                 cell = int(train["config"]) >> 2
                 cells[cell]["train"] = at

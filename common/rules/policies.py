@@ -9,9 +9,13 @@ from common.strict import Positive, Strict
 
 
 class ActorCriticConfig(NetworkConfig):
-    """An actor and a critic that share nothing but their input."""
+    """An actor and a critic.
 
-    kind: Literal["actor-critic"] = "actor-critic"
+    Attributes:
+        kind: `actor-critic`: they share nothing but their input; `exits`: see `common.policy.exits`.
+    """
+
+    kind: Literal["actor-critic", "exits"] = "actor-critic"
 
 
 class PpoConfig(Strict):
@@ -33,3 +37,7 @@ class PolicySettings(RuleSettings):
     ppo: PpoConfig
 
     has_probabilities: ClassVar[bool] = True
+
+    @property
+    def learns_with_torch(self) -> bool:
+        return self.brings_module or self.network.kind == "exits"

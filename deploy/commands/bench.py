@@ -29,6 +29,7 @@ TAKES = {
     "repeats": (*WITH_WORLDS, "learner", "replay", "loop"),
     "worlds": WITH_WORLDS,
     "episodes": ("cluster", "loop"),
+    "observation": ("policy",),
     "level": ("cluster", "loop"),
     "algorithm": ("cluster",),
 }
@@ -46,6 +47,7 @@ def bench(
         int | None, typer.Option(help=f"In a repeat, of {', '.join(WITH_WORLDS)}; default: each one's own.")
     ] = None,
     episodes: Annotated[int | None, typer.Option(help="Of each run of cluster or loop; default: 300 or 40.")] = None,
+    observation: Annotated[str | None, typer.Option(help="Of ours in policy, tree or traffic; default: tree.")] = None,
     level: Annotated[str | None, typer.Option(help="Of the runs of cluster or loop; default: easy.")] = None,
     algorithm: Annotated[list[str] | None, typer.Option(help="Of cluster; may be repeated; default: all.")] = None,
     as_json: AsJson = False,
@@ -57,7 +59,14 @@ def bench(
     """
     if what not in BENCHES:
         raise ConfigError(f"unknown benchmark {what!r}{nearest(what, list(BENCHES))}")
-    options = {"repeats": repeats, "worlds": worlds, "episodes": episodes, "level": level, "algorithm": algorithm}
+    options = {
+        "repeats": repeats,
+        "worlds": worlds,
+        "episodes": episodes,
+        "observation": observation,
+        "level": level,
+        "algorithm": algorithm,
+    }
     command = run_module(BENCHES[what])
     for option, given in options.items():
         if given is None:

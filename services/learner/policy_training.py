@@ -38,7 +38,7 @@ class PolicyRule(Protocol):
 
 
 class Policy(Protocol):
-    """An actor-critic and how it learns: in compiled code, or by autograd a module of a rule's own."""
+    """An actor-critic and how it learns: in compiled code, or by autograd what has no compiled updates."""
 
     n_features: int
 
@@ -70,14 +70,16 @@ class Policy(Protocol):
 
 
 def build_network(learning: Learning[PolicySettings]) -> Policy:
-    """The network of a run as its seed makes it: trained in compiled code, but for a module of the rule's own."""
+    """The network of a run as its seed makes it: trained in compiled code, or by autograd if it has none."""
     settings, sizes = learning.settings, (learning.n_features, learning.n_actions, learning.seed)
     how = settings.ppo.learning_rate, settings.ppo.max_gradient_norm
-    if not settings.brings_module:
+    if not settings.learns_with_torch:
         return FusedPolicy(first_actor_critic(settings.network, *sizes), *how)
-    from services.learner.textbook.policies import PolicyNetwork  # noqa: PLC0415  (torch takes seconds)
+    from common.policy.exits import build_exits  # noqa: PLC0415  (torch takes seconds)
+    from services.learner.textbook.policies import PolicyNetwork  # noqa: PLC0415
 
-    return PolicyNetwork(settings.module(*sizes), *how, n_features=learning.n_features)
+    module = settings.module(*sizes) if settings.brings_module else build_exits(settings.network, *sizes)
+    return PolicyNetwork(module, *how, n_features=learning.n_features)
 
 
 class PolicyTrainer:

@@ -16,6 +16,7 @@ from common.rail.compiled.world import CompiledWorld
 from common.rail.flatland_world import FlatlandWorld
 from common.rail.observations.global_map import GlobalObservation
 from common.rail.observations.local_map import LocalObservation
+from common.rail.observations.traffic import TrafficObservation
 from common.rail.observations.tree import TreeObservation
 from common.rail.rewards.delay import DelayReward
 from common.rail.rewards.shaped import ShapedReward
@@ -34,10 +35,13 @@ SETTINGS: list[dict[str, Any]] = [
     {"interlocking": "valid", "decisions": "always", "observation": TreeObservation(depth=1)},
     {"interlocking": "safe", "observation": TreeObservation(depth=1), "reward": SHAPED},
     {"interlocking": "planned", "observation": TreeObservation(depth=1), "reward": DelayReward()},
+    {"observation": TrafficObservation(others=3)},
+    {"observation": TrafficObservation(), "reward": SHAPED, "decisions": "always"},
 ]
 NAMES = [
     *("as-in-the-study", "depth-1-delay-always", "plain-shaped-legacy", "repaired-shaped", "global", "local-delay"),
     *("valid-always", "safe-shaped", "planned-delay"),
+    *("traffic", "traffic-always"),
 ]
 
 
@@ -115,7 +119,8 @@ def compare_worlds(levels: list[Level], most_steps: int = 100_000, **settings: A
     bounds = Bounds(height + 1, width, most)  # the grid need not fill its place
     theirs, ours = (engine(slots, most, bounds=bounds, **settings) for engine in (FlatlandWorld, CompiledWorld))
     assert theirs.n_features == ours.n_features
-    low, high = (0, 1) if getattr(settings.get("observation"), "kind", "tree") != "tree" else (-1, 0)
+    observation = settings.get("observation", TreeObservation())
+    low, high = observation.low, observation.high
     rng = np.random.default_rng(len(levels))
     waiting, observed, scored = list(levels), 0, 0
     for _ in range(most_steps):

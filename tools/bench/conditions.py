@@ -2,10 +2,12 @@
 
 from common.policy.player import compiled_world
 from common.policy.rollout import Rollouts
+from common.rail.observations.table import AnyObservation
+from common.rail.observations.tree import TreeObservation
 from common.world import study_world
 
 
-def study_rollouts() -> Rollouts:
+def study_rollouts(observation: AnyObservation = TreeObservation()) -> Rollouts:  # noqa: B008  (it is frozen)
     """Plays any level that ships."""
-    world = study_world()
+    world = study_world().model_copy(update={"observation": observation})
     return Rollouts(compiled_world(world, "legacy", world.bounds.trains))

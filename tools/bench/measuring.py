@@ -12,7 +12,7 @@ import os
 import sys
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import asdict, dataclass
 from io import StringIO
@@ -106,22 +106,22 @@ def timed(work: Callable[[], Result]) -> tuple[float, Result]:
     return time.process_time() - begun, result
 
 
-def run(description: str, comparisons: Callable[..., Sequence[Comparison]], **sizes: int) -> None:
+def run(description: str, comparisons: Callable[..., Sequence[Comparison]], **options: int | tuple[str, ...]) -> None:
     """Be a benchmark's command line: measure on one core, with progress on stderr, and print the rows.
 
     Args:
         description: for the help.
-        comparisons: gives the work, by the `sizes`.
-        sizes: options and their defaults.
+        comparisons: gives the work, by the `options`.
+        options: their defaults if they count something, else what may be chosen, the default first.
     """
-    options = _parse(description, sizes)
-    as_json, repeats = options.pop("json"), options.pop("repeats")
+    given = _parse(description, options)
+    as_json, repeats = given.pop("json"), given.pop("repeats")
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     gc.freeze()  # nobody pays for looking through all that was imported
     try:
         # what libraries say there belongs to nobody
         with warnings.catch_warnings(action="ignore"), redirect_stdout(StringIO()), _Shower() as shower:
-            rows = measure(comparisons(**options), repeats, shower.show)
+            rows = measure(comparisons(**given), repeats, shower.show)
     except DisagreementError as error:
         print(f"railctl: the two sides differ, so no times are given: {error}", file=sys.stderr)  # noqa: T201
         sys.exit(FAILED)
@@ -149,11 +149,14 @@ class Parser(argparse.ArgumentParser):
         self.exit(WRONG_USAGE, f"railctl: {message}\n")
 
 
-def _parse(description: str, sizes: dict[str, int]) -> dict[str, Any]:
+def _parse(description: str, options: Mapping[str, int | tuple[str, ...]]) -> dict[str, Any]:
     parser = Parser(description=description, allow_abbrev=False)
     parser.add_argument("--json", action="store_true", help="print one JSON document")
-    for option, default in {"repeats": REPEATS, **sizes}.items():
-        parser.add_argument(f"--{option}", type=count, default=default, help="default: %(default)s")
+    for option, values in {"repeats": REPEATS, **options}.items():
+        if isinstance(values, tuple):
+            parser.add_argument(f"--{option}", choices=values, default=values[0], help="default: %(default)s")
+        else:
+            parser.add_argument(f"--{option}", type=count, default=values, help="default: %(default)s")
     return vars(parser.parse_args())
 
 

@@ -8,6 +8,8 @@ torch a step for the trains that decide, one thread, an epsilon-greedy action fo
 Their trees are those of 4.3.0, so they would choose otherwise now and then. Hence ours plays first; theirs does all
 the work of choosing, and then steps with what ours did. In the end all rewards, step by step, must be the same.
 
+With `--observation traffic` ours sees that, and theirs still trees: the library has nothing like it.
+
 The network's weights are random, but for a few that make it follow the shortest paths, as a trained one learns first:
 episodes are as long, and trains as jammed, as in training.
 
@@ -37,7 +39,11 @@ from common.policy.compiled import Twin
 from common.policy.networks import QNetwork, build_network, export_parameters, import_parameters
 from common.policy.player import Acting, network_layout, play
 from common.rail.flatland_env import LegacyActions, LevelEnv, StudyRewards
-from common.rail.normalise import N_FEATURES, N_NODE_FEATURES, N_NODES, normalise
+from common.rail.normalise import N_NODE_FEATURES, N_NODES, normalise
+from common.rail.observations.table import AnyObservation
+from common.rail.observations.traffic import TrafficObservation
+from common.rail.observations.traffic_shape import N_EXIT, N_TRAIN
+from common.rail.observations.tree import TreeObservation
 from common.rail.plain_env import StartReady, plain_environment
 from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, N_ACTIONS
 from common.records.course import Course
@@ -51,21 +57,26 @@ DEPTH = 2
 EPSILON = 0.1
 PASSES = 10  # ours plays all of its episodes so often, or it would be over before it can be timed
 NETWORK = NetworkConfig(kind="dueling")
+OBSERVATIONS: dict[str, AnyObservation] = {"tree": TreeObservation(), "traffic": TrafficObservation()}
 NODE_OF = {MOVE_LEFT: 1, MOVE_FORWARD: 6, MOVE_RIGHT: 11}  # what lies that way, in the order of `normalise`
-DETOUR = 6  # the feature
+DETOUR = 6  # the feature of a node, of [-1, 0]; 0: no way
+IS_SHORTEST = 5  # the number of an exit, 0 or 1
 CERTAIN = 100.0  # far more than the random weights say
 
 _Orders = dict[int, RailEnvActions]
 
 
-def pathfinder() -> QNetwork:
+def pathfinder(observation: str = "tree") -> QNetwork:
     """A network that takes the way with the least detour."""
-    network = build_network(NETWORK, N_FEATURES, N_ACTIONS, seed=0)
+    network = build_network(NETWORK, OBSERVATIONS[observation].n_features(None), N_ACTIONS, seed=0)
     parameters = export_parameters(network)
     for unit, (action, node) in enumerate(NODE_OF.items()):
         for layer in ("hidden.0", "hidden.1"):
             parameters[f"{layer}.weight"][unit] = parameters[f"{layer}.bias"][unit] = 0
-        parameters["hidden.0.weight"][unit, node * N_NODE_FEATURES + DETOUR] = -1  # of [-1, 0]; 0: no way
+        if observation == "tree":
+            parameters["hidden.0.weight"][unit, node * N_NODE_FEATURES + DETOUR] = -1
+        else:
+            parameters["hidden.0.weight"][unit, N_TRAIN + unit * N_EXIT + IS_SHORTEST] = 1
         parameters["hidden.1.weight"][unit, unit] = 1
         parameters["advantage.weight"][:, unit] = 0
         parameters["advantage.weight"][action, unit] = CERTAIN
@@ -180,10 +191,11 @@ def _same(theirs: Sequence[dict[int, float]], ours: NDArray[np.float32]) -> bool
     )
 
 
-def comparison(name: str, levels: Sequence[Level], network: QNetwork) -> Comparison:
+def comparison(name: str, levels: Sequence[Level], observation: str = "tree") -> Comparison:
     """Play an episode of each level; every repeat explores in another way."""
-    rollouts, they = study_rollouts(), TheirPlayer(network)
-    twin = Twin(network_layout(NETWORK, N_FEATURES))
+    rollouts, they = study_rollouts(OBSERVATIONS[observation]), TheirPlayer(pathfinder())
+    network = pathfinder(observation)
+    twin = Twin(network_layout(NETWORK, network.n_features))
     twin.load(export_parameters(network))
 
     def play_all(keys: Sequence[int]) -> list[Course]:
@@ -212,12 +224,16 @@ def comparison(name: str, levels: Sequence[Level], network: QNetwork) -> Compari
     return Comparison(f"policy {name}", once)
 
 
-def comparisons(worlds: int) -> list[Comparison]:
+def comparisons(worlds: int, observation: str = "tree") -> list[Comparison]:
     """All that is measured: episodes on so many levels of each difficulty."""
     torch.set_num_threads(1)
-    network = pathfinder()
-    return [comparison(name, [generate(name, seed) for seed in range(worlds)], network) for name in shipped()]
+    return [comparison(name, [generate(name, seed) for seed in range(worlds)], observation) for name in shipped()]
 
 
 if __name__ == "__main__":
-    run("Compare whole episodes with a policy with flatland-rl and torch.", comparisons, worlds=8)
+    run(
+        "Compare whole episodes with a policy with flatland-rl and torch.",
+        comparisons,
+        worlds=8,
+        observation=tuple(OBSERVATIONS),
+    )

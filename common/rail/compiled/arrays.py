@@ -69,6 +69,7 @@ TRAIN: Final = np.dtype(
         ("departure", np.int32),  # the earliest
         ("latest_arrival", np.int32),
         ("arrived_at", np.int32),  # a time, or NOTHING
+        ("stood", np.int32),  # steps, to now, that it has stood on the map or waited to depart
         ("done", np.bool_),
         ("stuck", np.bool_),  # in a deadlock, if the reward asks for it
         ("bound", np.int32),  # the move that it decided on and was hindered from so far, or NOTHING; of stock rules

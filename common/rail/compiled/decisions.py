@@ -31,6 +31,12 @@ DECISIONS: Final = {"cells": CELLS, "legacy": LEGACY, "always": ALWAYS}
 
 
 @bare_kernel
+def decides_there(codes: NDArray[np.int32], here: int, mode: int) -> bool:
+    """Whether a train decides when it comes to the end of a cell in a configuration."""
+    return mode != CELLS or codes[here] & DECIDES != 0
+
+
+@bare_kernel
 def decides(train: np.void, codes: NDArray[np.int32], unit: int, mode: int) -> bool:
     """Whether a train of a world must decide."""
     state = train["state"]

@@ -65,6 +65,7 @@ def start(batch: Batch, slot: int, legacy: bool) -> None:
         train["distance"] = 0
         train["malfunction"] = 0
         train["arrived_at"] = NOTHING
+        train["stood"] = 0
         train["done"] = False
         train["stuck"] = False
         train["bound"] = NOTHING
@@ -256,6 +257,7 @@ def act(train: np.void, unit: int, time: int) -> None:
     if now in (STOPPED, BROKEN):
         train["speed"] = 0
     train["state"] = now
+    train["stood"] = 0 if now in (WAITING, MOVING, DONE) else train["stood"] + 1
     if train["malfunction"] > 0:
         train["malfunction"] -= 1
 

@@ -35,6 +35,9 @@ from common.rail.compiled.arrays import (
     WAYS,
     Batch,
 )
+from common.rail.compiled.ways import Ways, ways_for
+from common.rail.interlocking.signals import Signals, signals_for
+from common.rail.observations.traffic_shape import N_EXITS, N_MEETING
 
 STOCK: Final = 0
 LEGACY: Final = 1
@@ -58,6 +61,8 @@ def nodes_of(depth: int) -> int:
 class Sight(NamedTuple):
     """Where trains will be, and room to work: for one world at a time.
 
+    The last five are of `common.rail.observations.traffic`.
+
     Attributes:
         forecasts: [N, P + 1] int32, the configuration of each train in so many steps, NOWHERE for an invisible one.
         once, twice: [C] uint64, the moments at which one train or more, two or more, are forecast to be in a cell, a
@@ -66,6 +71,11 @@ class Sight(NamedTuple):
         branches: [MOST_BRANCHES, 4] int32, still to be explored: configuration, distance, node, nodes of its subtree.
         present: [85] int32, the nodes of the tree that there are; room for the deepest.
         stamps: [4C + 1] int64, the last branch that saw a configuration, and at the end their number.
+        ways: of all trains.
+        signals: of the interlocking.
+        meetings: [N, 3, 15] float32, what the way of each other train has to do with that behind an exit.
+        soon: [N, 4] float64, steps to the first conflict behind each exit, and behind any.
+        apart: [N] int32, cells to another train, or NOTHING.
     """
 
     forecasts: NDArray[np.int32]
@@ -75,6 +85,11 @@ class Sight(NamedTuple):
     branches: NDArray[np.int32]
     present: NDArray[np.int32]
     stamps: NDArray[np.int64]
+    ways: Ways
+    signals: Signals
+    meetings: NDArray[np.float32]
+    soon: NDArray[np.float64]
+    apart: NDArray[np.int32]
 
 
 def sight_of(batch: Batch, predicted_steps: int) -> Sight:
@@ -88,6 +103,11 @@ def sight_of(batch: Batch, predicted_steps: int) -> Sight:
         branches=np.zeros((MOST_BRANCHES, 4), np.int32),
         present=np.zeros(nodes_of(DEEPEST), np.int32),
         stamps=np.zeros(cells * 4 + 1, np.int64),
+        ways=ways_for(batch),
+        signals=signals_for(batch),
+        meetings=np.zeros((n_trains, N_EXITS, N_MEETING), np.float32),
+        soon=np.zeros((n_trains, N_EXITS + 1)),
+        apart=np.zeros(n_trains, np.int32),
     )
 
 

@@ -98,7 +98,7 @@ class CompiledWorld:
         self.batch: Batch = empty_batch(slots, max_trains, cells=1)
         self._bounds = bounds
         self._legacy = rules == "legacy"
-        self._observation = header_of(observation, rules, bounds)
+        self._observation = header_of(observation, rules, bounds, decisions)
         self._decisions = DECISIONS[decisions]
         self._reward = weights_of(reward)
         self._interlocking = INTERLOCKINGS[interlocking]

@@ -9,26 +9,30 @@ from pydantic import Tag
 from common.kernel import bare_kernel
 from common.levels.distributions import Bounds, Rules
 from common.rail.compiled.arrays import Batch
+from common.rail.compiled.decisions import DECISIONS, Decisions
 from common.rail.compiled.tree import Sight
 from common.rail.observations.global_map import GlobalObservation, look_at_maps
 from common.rail.observations.local_map import LocalObservation, look_around
+from common.rail.observations.traffic import TrafficObservation, look_at_traffic
 from common.rail.observations.tree import TreeObservation, look_at_trees
 from common.strict import by_kind
 
 AnyObservation = Annotated[
     Annotated[TreeObservation, Tag("tree")]
     | Annotated[GlobalObservation, Tag("global")]
-    | Annotated[LocalObservation, Tag("local")],
+    | Annotated[LocalObservation, Tag("local")]
+    | Annotated[TrafficObservation, Tag("traffic")],
     by_kind("tree"),
 ]
 
-TREE, GLOBAL, LOCAL = range(3)
-NUMBERS = {"tree": TREE, "global": GLOBAL, "local": LOCAL}
+TREE, GLOBAL, LOCAL, TRAFFIC = range(4)
+NUMBERS = {"tree": TREE, "global": GLOBAL, "local": LOCAL, "traffic": TRAFFIC}
 
 
-def header_of(observation: Any, rules: Rules, bounds: Bounds | None) -> NDArray[np.int64]:
-    """What `look` is told of one of `AnyObservation`: its number here, then its header."""
-    return np.array([NUMBERS[observation.kind], *observation.header(rules, bounds)], np.int64)
+def header_of(observation: Any, rules: Rules, bounds: Bounds | None, decisions: Decisions) -> NDArray[np.int64]:
+    """What `look` is told of one of `AnyObservation`: its number here, the rule of decisions, then its header."""
+    fields = [NUMBERS[observation.kind], DECISIONS[decisions], *observation.header(rules, bounds)]
+    return np.array(fields, np.int64)
 
 
 @bare_kernel
@@ -38,8 +42,10 @@ def look(
     """The vectors [K, F] of the K trains that `asking` [E, N] marks, slot after slot; all must be visible."""
     vectors.reshape(vectors.size)[:] = 0
     if header[0] == TREE:
-        look_at_trees(batch, sight, header[1:], asking, vectors)
+        look_at_trees(batch, sight, header[2:], asking, vectors)
     elif header[0] == GLOBAL:
-        look_at_maps(batch, sight, header[1:], asking, vectors)
+        look_at_maps(batch, sight, header[2:], asking, vectors)
     elif header[0] == LOCAL:
-        look_around(batch, sight, header[1:], asking, vectors)
+        look_around(batch, sight, header[2:], asking, vectors)
+    elif header[0] == TRAFFIC:
+        look_at_traffic(batch, sight, int(header[1]), header[2:], asking, vectors)

@@ -23,6 +23,7 @@ OBSERVATIONS = {
     "repaired": {"kind": "tree", "conflicts": "repaired"},
     "global": {"kind": "global"},
     "local": {"kind": "local", "radius": 3},
+    "traffic": {"kind": "traffic"},
 }
 
 
@@ -149,7 +150,7 @@ def test_a_global_observation_has_room_for_the_runs_levels_only(checkpoint_of, t
         run(exported(larger, tmp_path))
 
 
-@pytest.mark.parametrize("kind", ["study", "plain", "repaired", "local"])
+@pytest.mark.parametrize("kind", ["study", "plain", "repaired", "local", "traffic"])
 def test_other_observations_are_made_of_levels_of_any_size(checkpoint_of, tmp_path, kind):
     saved = checkpoint_of(world_of(OBSERVATIONS[kind], size=[20, 20]))
     made, _, _ = run(exported(rush_level(5), tmp_path))

@@ -386,7 +386,7 @@ def test_what_does_not_go_together_is_named_with_its_remedy():
         ({"exploration": {}}, "exploration: rule ppo has no use for it, leave it out"),
         ({"dqn": DQN}, "dqn: rule ppo has no use for it, leave it out"),
         ({"discount": 1}, "discount: input should be less than 1, not 1"),
-        ({"network": {"kind": "dueling"}}, "network.kind: input should be 'actor-critic', not 'dueling'"),
+        ({"network": {"kind": "dueling"}}, "network.kind: input should be 'actor-critic' or 'exits', not 'dueling'"),
     ],
 )
 def test_what_a_policy_has_no_use_for_is_refused(changes, text):

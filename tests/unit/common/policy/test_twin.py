@@ -29,6 +29,7 @@ print(text.count("vfm") + text.count("vfnm"), text.count("mulps") > 0)
 """
 
 F, A = 252, 5
+LAYERED = [kind for kind in KINDS if kind != "exits"]  # that take any observation; see `test_exits`
 HIDDEN = [(128, 128), (32,), (50, 33, 17)]
 KEY = stream_key(3, 1, "explore")
 
@@ -41,9 +42,10 @@ from common.policy.packing import KINDS, Layout
 rng = np.random.default_rng(1)
 np.seterr(over="ignore")
 for kind in KINDS:
-    twin = Twin(Layout(kind, 20, 5, (16, 9)))
+    n_features = 116 if kind == "exits" else 20
+    twin = Twin(Layout(kind, n_features, 5, (16, 9)))
     twin.parameters = rng.normal(size=20_000).astype(np.float32) / 4
-    x = (-rng.random((6, 20)) * (rng.random((6, 20)) < 0.4)).astype(np.float32)
+    x = (-rng.random((6, n_features)) * (rng.random((6, n_features)) < 0.4)).astype(np.float32)
     state = twin.zero_state(6)
     for step in range(2):
         counters = np.arange(6, dtype=np.uint64) * np.uint64(2)
@@ -87,7 +89,7 @@ def torch_outputs(network, kind: str, x: np.ndarray, state=None):
         return network(torch.tensor(x)).numpy(), None
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", LAYERED)
 @pytest.mark.parametrize("hidden", HIDDEN)
 @pytest.mark.parametrize("share", [0.0, 0.2, 1.0])
 def test_outputs_are_those_of_torch(kind: str, hidden: tuple[int, ...], share: float):
@@ -104,14 +106,14 @@ def test_outputs_are_those_of_torch(kind: str, hidden: tuple[int, ...], share: f
         assert share == 0 or clear.mean() > 0.9
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", LAYERED)
 def test_many_actions_fill_several_blocks(kind: str):
     network, twin = make(kind, (16,), n_actions=11)
     x = observations(5)
     np.testing.assert_allclose(twin.outputs(x), torch_outputs(network, kind, x)[0], rtol=1e-5, atol=1e-5)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", LAYERED)
 def test_a_row_does_not_depend_on_the_batch(kind: str):
     _, twin = make(kind, (128, 128))
     x = observations(30)
@@ -178,7 +180,7 @@ def test_an_actor_samples_with_its_probabilities_and_tells_them():
 
 
 def test_greedy_choices_are_the_best_outputs():
-    for kind in KINDS:
+    for kind in LAYERED:
         _, twin = make(kind, (32,))
         x = observations(20, 5)
         choices = twin.act(x, np.ones(20), np.zeros(20, np.uint64), np.zeros(20, np.uint64), greedy=True)

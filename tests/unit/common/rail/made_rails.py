@@ -12,6 +12,7 @@ ALONG, ACROSS = 0x0401, 0x8020
 WEST_END, EAST_END = 0x0004, 0x0100
 NORTH_WEST, NORTH_EAST, SOUTH_EAST, SOUTH_WEST = 0x4002, 0x1200, 0x0810, 0x0048  # corners of a ring, where they lie
 EAST_TO_NORTH = 0x0400 | 0x0001 | 0x0800 | 0x0010  # a line along, from which trains to the east may turn north
+WEST_TO_NORTH = 0x0400 | 0x0001 | 0x0008 | 0x0040
 
 
 def line(*trains: tuple[int, int, int], max_steps: int = 20) -> Level:
@@ -21,6 +22,24 @@ def line(*trains: tuple[int, int, int], max_steps: int = 20) -> Level:
         starts=np.array([[0, start, heading] for start, heading, _ in trains], np.int32),
         targets=np.array([[0, target] for _, _, target in trains], np.int32),
         max_steps=max_steps,
+    )
+
+
+def passing_loop(*trains: tuple[int, int, int], max_steps: int = 20) -> Level:
+    """As `line`, with a way around its middle cell on the row to the north."""
+    level = line(*trains, max_steps=max_steps)
+    grid = np.array(
+        [
+            [0, 0, NORTH_WEST, ALONG, NORTH_EAST, 0, 0],
+            [WEST_END, ALONG, EAST_TO_NORTH, ALONG, WEST_TO_NORTH, ALONG, EAST_END],
+        ],
+        np.uint16,
+    )
+    return replace(
+        level,
+        grid=grid,
+        starts=level.starts + np.array([1, 0, 0], np.int32),
+        targets=level.targets + np.array([1, 0], np.int32),
     )
 
 

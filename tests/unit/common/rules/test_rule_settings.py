@@ -91,7 +91,7 @@ def test_settings_come_back_from_plain_data(rule):
     [
         ("dqn", "network.kind", "recurrent", "network.kind: input should be 'plain' or 'dueling', not 'recurrent'"),
         ("drqn", "network.kind", "dueling", "network.kind: input should be 'recurrent', not 'dueling'"),
-        ("ppo", "network.kind", "plain", "network.kind: input should be 'actor-critic', not 'plain'"),
+        ("ppo", "network.kind", "plain", "network.kind: input should be 'actor-critic' or 'exits', not 'plain'"),
         (
             "ppo",
             "network.hidden",

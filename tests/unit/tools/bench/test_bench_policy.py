@@ -11,12 +11,11 @@ from common.levels.level import Level
 from common.policy.compiled import Twin
 from common.policy.networks import export_parameters
 from common.policy.player import Acting, network_layout, play
-from common.rail.normalise import N_FEATURES
 from common.records.course import Course
 from tools.bench import policy
 from tools.bench.conditions import study_rollouts
 from tools.bench.measuring import DisagreementError, measure
-from tools.bench.policy import NETWORK, TheirPlayer, comparison, comparisons, pathfinder, script_of
+from tools.bench.policy import NETWORK, OBSERVATIONS, TheirPlayer, comparison, comparisons, pathfinder, script_of
 
 EDGE = 30  # steps: enough for a start, and for a limit that is soon reached
 
@@ -25,18 +24,20 @@ def short(level: Level) -> Level:
     return replace(level, max_steps=EDGE)
 
 
-def played(level: Level, *, greedy: bool) -> Course:
-    twin = Twin(network_layout(NETWORK, N_FEATURES))
-    twin.load(export_parameters(pathfinder()))
-    return play(study_rollouts(), level, Acting(twin, 0.5, 7, greedy))
+def played(level: Level, *, greedy: bool, observation: str = "tree") -> Course:
+    network = pathfinder(observation)
+    twin = Twin(network_layout(NETWORK, network.n_features))
+    twin.load(export_parameters(network))
+    return play(study_rollouts(OBSERVATIONS[observation]), level, Acting(twin, 0.5, 7, greedy))
 
 
-def test_the_network_follows_the_shortest_path():
+def test_the_networks_follow_the_shortest_path():
     level = generate(shipped()["easy"], 4)
     alone = replace(level, starts=level.starts[:1], targets=level.targets[:1])
     course = played(alone, greedy=True)
     root_distance = round((1 + float(course.decisions.observations[0][6])) * 100)
     assert course.arrived_at.tolist() == [root_distance]  # the first step only departs
+    assert played(alone, greedy=True, observation="traffic").arrived_at.tolist() == [root_distance]
 
 
 @pytest.mark.parametrize("level_name", [*shipped()])
@@ -55,8 +56,9 @@ def test_another_episode_is_an_error():
         TheirPlayer(pathfinder()).play(script)
 
 
-def test_rows_have_both_times(monkeypatch: pytest.MonkeyPatch):
-    rows = measure([comparison("tiny", [short(generate(shipped()["easy"], 1))], pathfinder())], repeats=1)
+@pytest.mark.parametrize("observation", [*OBSERVATIONS])
+def test_rows_have_both_times(observation: str):
+    rows = measure([comparison("tiny", [short(generate(shipped()["easy"], 1))], observation)], repeats=1)
     assert [(row.name, row.unit) for row in rows] == [
         ("step with policy tiny", "us/step"),
         ("episode with policy tiny", "ms/episode"),

@@ -67,21 +67,21 @@ def run(monkeypatch, capsys):
         monkeypatch.setattr("sys.argv", ["bench", *arguments])
         if code:
             with pytest.raises(SystemExit) as ended:
-                measuring.run("A test.", comparisons, worlds=3)
+                measuring.run("A test.", comparisons, worlds=3, fuel=("coal", "oil"))
             assert ended.value.code == code
         else:
-            measuring.run("A test.", comparisons, worlds=3)
+            measuring.run("A test.", comparisons, worlds=3, fuel=("coal", "oil"))
         return capsys.readouterr()
 
     return called
 
 
-def test_sizes_are_options_with_defaults(run):
-    def comparisons(worlds):
+def test_sizes_and_choices_are_options_with_defaults(run):
+    def comparisons(worlds, fuel):
         print("what libraries say is no part of the document")  # noqa: T201
-        return [comparison("one", *[(1, worlds)] * 3)]
+        return [comparison("one", *[(1, worlds * {"coal": 1, "oil": 2}[fuel])] * 3)]
 
-    for arguments, ratio in (((), 3), (("--worlds", "7"), 7)):
+    for arguments, ratio in (((), 3), (("--worlds", "7"), 7), (("--fuel", "oil"), 6)):
         [row] = json.loads(run(comparisons, "--json", "--repeats", "2", *arguments).out)["rows"]
         assert (row["ratio"], row["repeats"]) == (ratio, 2)
 
@@ -105,6 +105,7 @@ def test_a_disagreement_is_one_line_and_no_times(run):
     [
         (("--repeats", "0"), "railctl: argument --repeats: '0' is not a number above 0"),
         (("--worlds", "many"), "railctl: argument --worlds: 'many' is not a number above 0"),
+        (("--fuel", "gas"), "railctl: argument --fuel: invalid choice: 'gas' (choose from 'coal', 'oil')"),
         (("--steps", "3"), "railctl: unrecognized arguments: --steps 3"),
     ],
 )

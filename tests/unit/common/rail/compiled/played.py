@@ -10,6 +10,7 @@ from common.levels.level import Level, Malfunctions
 from common.rail.compiled.world import CompiledWorld
 from common.rail.observations.global_map import GlobalObservation
 from common.rail.observations.local_map import LocalObservation
+from common.rail.observations.traffic import TrafficObservation
 from common.rail.observations.tree import TreeObservation
 from common.rail.rewards.delay import DelayReward
 from common.rail.rewards.shaped import ShapedReward
@@ -45,6 +46,7 @@ KINDS = (
     ("stock", TreeObservation(depth=1), DelayReward()),
     ("legacy", GlobalObservation(), SHAPED),
     ("stock", LocalObservation(radius=2), DelayReward()),
+    ("stock", TrafficObservation(others=1), DelayReward()),
 )
 
 

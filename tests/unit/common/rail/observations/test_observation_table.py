@@ -7,6 +7,7 @@ from common.levels.distributions import Bounds
 from common.rail.observations.global_map import GlobalObservation
 from common.rail.observations.local_map import LocalObservation
 from common.rail.observations.table import AnyObservation, header_of
+from common.rail.observations.traffic import TrafficObservation
 from common.rail.observations.tree import TreeObservation
 
 BOUNDS = Bounds(30, 40, 9)
@@ -20,6 +21,8 @@ BOUNDS = Bounds(30, 40, 9)
         (TreeObservation(depth=3, features="plain"), 1020, -1, 0),
         (GlobalObservation(), 30 * 40 * 23, 0, 1),
         (LocalObservation(), 11 * 11 * 23, 0, 1),
+        (TrafficObservation(), 61 + 6 * 55, -1, 1),
+        (TrafficObservation(others=1), 61 + 55, -1, 1),
     ],
 )
 def test_sizes_and_ranges(observation: AnyObservation, size: int, low: float, high: float):
@@ -27,23 +30,26 @@ def test_sizes_and_ranges(observation: AnyObservation, size: int, low: float, hi
 
 
 def test_headers():
-    assert header_of(TreeObservation(), "legacy", None).tolist() == [0, 1, 2, 0, 100]
-    assert header_of(TreeObservation(features="plain", depth=1), "stock", BOUNDS).tolist() == [0, 0, 1, 1, 140]
-    assert header_of(TreeObservation(conflicts="repaired"), "stock", None).tolist() == [0, 2, 2, 0, 100]
-    assert header_of(TreeObservation(conflicts="repaired"), "legacy", None).tolist() == [0, 1, 2, 0, 100]
-    assert header_of(GlobalObservation(), "legacy", BOUNDS).tolist() == [1, 1, 30, 40]
-    assert header_of(LocalObservation(radius=4), "stock", None).tolist() == [2, 0, 4]
+    plain, repaired = TreeObservation(features="plain", depth=1), TreeObservation(conflicts="repaired")
+    assert header_of(TreeObservation(), "legacy", None, "always").tolist() == [0, 0, 1, 2, 0, 100]
+    assert header_of(plain, "stock", BOUNDS, "legacy").tolist() == [0, 1, 0, 1, 1, 140]
+    assert header_of(repaired, "stock", None, "cells").tolist() == [0, 2, 2, 2, 0, 100]
+    assert header_of(repaired, "legacy", None, "cells").tolist() == [0, 2, 1, 2, 0, 100]
+    assert header_of(GlobalObservation(), "legacy", BOUNDS, "cells").tolist() == [1, 2, 1, 30, 40]
+    assert header_of(LocalObservation(radius=4), "stock", None, "cells").tolist() == [2, 2, 0, 4]
+    assert header_of(TrafficObservation(others=4), "stock", None, "cells").tolist() == [3, 2, 4, 3]
 
 
 def test_the_table_knows_every_kind():
     adapter: TypeAdapter[AnyObservation] = TypeAdapter(AnyObservation)
-    for kind in ("tree", "global", "local"):
+    for kind in ("tree", "global", "local", "traffic"):
         assert adapter.validate_python({"kind": kind}).kind == kind
     wrong = (
         {"kind": "none"},
         {"kind": "tree", "depth": 4},
         {"kind": "local", "radius": 0},
         {"kind": "global", "depth": 2},
+        {"kind": "traffic", "others": 33},
     )
     for data in wrong:
         with pytest.raises(ValidationError):
