@@ -35,6 +35,7 @@ from common.config import RunConfig
 from common.levels.distributions import Rules
 from common.policy.checkpoints import SavedPolicy, load_policy
 from common.rail.flatland_env import ACTIONS, LegacyDriver, StudyRewards
+from common.rail.interlocking.signals import ALL_ACTIONS
 from common.rail.play import Choose, Decision
 from common.rail.world import DO_NOTHING, MOVE_FORWARD
 from common.world import study_world
@@ -125,7 +126,7 @@ class _Episode:
         return actions
 
     def _act_plainly(self, train: int, view: TrainView) -> int:
-        return self._choose(view.vector, view.step, train).action if view.deciding else MOVE_FORWARD
+        return self._choose(view.vector, view.step, train, ALL_ACTIONS).action if view.deciding else MOVE_FORWARD
 
     def _act_translated(self, train: int, view: TrainView) -> int:
         driver = self._drivers[train]
@@ -133,7 +134,7 @@ class _Episode:
             return DO_NOTHING
         driver.look(view.place)
         decides = view.deciding and driver.committed is None
-        action = self._choose(view.vector, view.step, train).action if decides else MOVE_FORWARD
+        action = self._choose(view.vector, view.step, train, ALL_ACTIONS).action if decides else MOVE_FORWARD
         return driver.send(view.place, action, view.ways.__getitem__)
 
 
@@ -147,9 +148,12 @@ def saved_policy() -> SavedPolicy:
     if not path:
         raise click.ClickException(f"{VARIABLE} is not set: let it name a file in a run's folder checkpoints")
     try:
-        return load_policy(Path(path))
+        saved = load_policy(Path(path))
     except CheckpointError as error:
         raise click.ClickException(str(error)) from None
+    if (mode := saved.config.world.interlocking) != "off":
+        raise click.ClickException(f"{path} acts behind an interlocking ({mode}), which these commands do not have")
+    return saved
 
 
 def rules_of(config: RunConfig) -> Rules:

@@ -11,6 +11,7 @@ from pydantic import Field, ValidationError, field_validator
 
 from common.levels.distributions import ANY, AnyLevels, Bounds, LevelName, shipped
 from common.levels.own import with_files_read
+from common.rail.interlocking.signals import Interlocking
 from common.rail.observations.table import AnyObservation
 from common.rail.observations.tree import TreeObservation
 from common.rail.rewards.study import StudyReward
@@ -27,6 +28,7 @@ class WorldSpec(Strict):
     observation: AnyObservation = TreeObservation()
     decisions: Decisions = "cells"
     reward: AnyReward = StudyReward()
+    interlocking: Interlocking = "off"
 
     @field_validator("levels")
     @classmethod
@@ -34,6 +36,11 @@ class WorldSpec(Strict):
         if ANY in levels:
             raise ValueError(f"{ANY} is what actors serve that serve all levels: choose another name")
         return levels
+
+    @field_validator("interlocking", mode="before")
+    @classmethod
+    def _off_is_a_word(cls, mode: Any) -> Any:
+        return "off" if mode is False else mode  # which YAML takes it for
 
     @property
     def bounds(self) -> Bounds:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from common.policy.choosing import draw_counter
 from common.policy.networks import QNetwork
+from common.rail.interlocking.signals import ALL_ACTIONS
 from common.seeding import uniform
 
 
@@ -24,32 +25,44 @@ class EpsilonGreedy:
         self._row = torch.zeros(1, n_features)
         self._row_array = self._row[0].numpy()  # the same memory
 
-    def in_episode(
-        self, network: QNetwork, epsilon: float, key: int, n_trains: int
-    ) -> Callable[[NDArray[np.float32], int, int], int]:
-        """The choice of an action by (observation [F], step, train), for one episode of `n_trains`; as `act`."""
+    def in_episode(self, network: QNetwork, epsilon: float, key: int, n_trains: int) -> Callable[..., int]:
+        """The choice of an action by (observation [F], step, train) and what is allowed; as `act`.
 
-        def choose(observation: NDArray[np.float32], step: int, train: int) -> int:
-            return self.act(network, observation, epsilon, key, draw_counter(step, n_trains, train))
+        For one episode of `n_trains`.
+        """
+
+        def choose(observation: NDArray[np.float32], step: int, train: int, allowed: int = ALL_ACTIONS) -> int:
+            return self.act(network, observation, epsilon, key, draw_counter(step, n_trains, train), allowed)
 
         return choose
 
-    def act(self, network: QNetwork, observation: NDArray[np.float32], epsilon: float, key: int, counter: int) -> int:
+    def act(  # noqa: PLR0913  (a network, and all that a choice depends on)
+        self,
+        network: QNetwork,
+        observation: NDArray[np.float32],
+        epsilon: float,
+        key: int,
+        counter: int,
+        allowed: int = ALL_ACTIONS,
+    ) -> int:
         """The action for one observation.
 
         Args:
             network: scores the actions.
             observation: [F].
-            epsilon: the probability of an action drawn uniformly from all.
+            epsilon: the probability of an action drawn uniformly from those allowed.
             key: of the episode's stream of exploration.
             counter: of this decision, see `draw_counter`.
+            allowed: actions, a bit each.
 
         Returns:
             0..A-1; of equally good actions the lowest.
         """
+        actions = [action for action in range(self._n_actions) if allowed >> action & 1]
         if uniform(key, counter) < epsilon:
-            return int(uniform(key, counter + 1) * self._n_actions)
-        return int(self.values(network, observation).argmax())  # numpy's takes the first maximum, torch's any
+            return actions[int(uniform(key, counter + 1) * len(actions))]
+        best = self.values(network, observation)[actions].argmax()  # numpy's takes the first maximum, torch's any
+        return actions[int(best)]
 
     def values(self, network: QNetwork, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """The action values [A] of one observation [F]."""

@@ -1,8 +1,9 @@
 # ruff: noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
 """Choosing an action from a network's outputs, compiled; the rules of `common.policy.acting`.
 
-A decision has two draws of its episode's stream of exploration, at its counter (`draw_counter`) and the one after. Of
-equally good actions the lowest is taken.
+Actions are told apart by their numbers; of those that are `allowed`, a bit each, there is at least one, and the others
+are as if the network did not have them. Of equally good actions the lowest is taken. A decision has two draws of its
+episode's stream of exploration, at its counter (`draw_counter`) and the one after.
 """
 
 import numpy as np
@@ -13,6 +14,7 @@ from common.policy.arithmetic import Real, exp, log
 from common.policy.packing import ACTOR_CRITIC
 from common.policy.streams import uniform
 
+NOTHING = -1
 _ONE = np.uint64(1)
 
 
@@ -27,49 +29,70 @@ def draw_counter(step: int, n_trains: int, train: int) -> int:
 
 
 @bare_kernel
-def best(values: NDArray[np.float32]) -> int:
-    """The index of the largest of values [A], the lowest of equals."""
-    action = 0
-    for other in range(1, len(values)):
-        if values[other] > values[action]:
+def best(values: NDArray[np.float32], allowed: int) -> int:
+    """The allowed action with the largest of values [A], the lowest of equals."""
+    action = NOTHING
+    for other in range(len(values)):
+        if allowed >> other & 1 and (action == NOTHING or values[other] > values[action]):
             action = other
     return action
 
 
 @bare_kernel
-def epsilon_greedy(values: NDArray[np.float32], epsilon: float, key: np.uint64, counter: np.uint64) -> int:
-    """The best of values [A], or with probability `epsilon` any action."""
-    if uniform(key, counter) < epsilon:
-        return int(uniform(key, counter + _ONE) * len(values))
-    return best(values)
+def nth(place: int, allowed: int) -> int:
+    """The allowed action that has `place` others below it."""
+    action = 0
+    while place > 0 or not allowed >> action & 1:
+        place -= allowed >> action & 1
+        action += 1
+    return action
 
 
 @bare_kernel
-def softmax_sample(logits: NDArray[np.float32], key: np.uint64, counter: np.uint64) -> int:
+def epsilon_greedy(
+    values: NDArray[np.float32], allowed: int, epsilon: float, key: np.uint64, counter: np.uint64
+) -> int:
+    """The best of values [A], or with probability `epsilon` any action."""
+    if uniform(key, counter) < epsilon:
+        count = 0
+        for action in range(len(values)):
+            count += allowed >> action & 1
+        return nth(int(uniform(key, counter + _ONE) * count), allowed)
+    return best(values, allowed)
+
+
+@bare_kernel
+def softmax_sample(logits: NDArray[np.float32], allowed: int, key: np.uint64, counter: np.uint64) -> int:
     """An action with the probability that softmax gives it; only the first draw of the decision is used.
 
     Args:
         logits: [A].
+        allowed: actions.
         key: of the episode's stream of exploration.
         counter: of this decision.
     """
-    top = np.float64(logits[best(logits)])
+    top = np.float64(logits[best(logits, allowed)])
     total: Real = 0.0
     for action in range(len(logits)):
-        total += exp(np.float64(logits[action]) - top)
+        if allowed >> action & 1:
+            total += exp(np.float64(logits[action]) - top)
     threshold = uniform(key, counter) * total
     reached: Real = 0.0
-    for action in range(len(logits) - 1):
-        reached += exp(np.float64(logits[action]) - top)
-        if threshold < reached:
-            return action
-    return len(logits) - 1
+    last = NOTHING
+    for action in range(len(logits)):
+        if allowed >> action & 1:
+            reached += exp(np.float64(logits[action]) - top)
+            last = action
+            if threshold < reached:
+                break
+    return last
 
 
 @bare_kernel
 def choose(
     header: NDArray[np.int64],
     scores: NDArray[np.float32],
+    allowed: int,
     greedy: bool,
     epsilon: float,
     key: np.uint64,
@@ -80,23 +103,25 @@ def choose(
     Args:
         header: of the network, see `common.policy.packing`.
         scores: [A].
+        allowed: actions.
         greedy: take the best; the draws are not looked at.
         epsilon: only for action values.
         key: of the episode's stream of exploration.
         counter: of this decision.
     """
     if greedy:
-        return best(scores)
+        return best(scores, allowed)
     if header[0] == ACTOR_CRITIC:
-        return softmax_sample(scores, key, counter)
-    return epsilon_greedy(scores, epsilon, key, counter)
+        return softmax_sample(scores, allowed, key, counter)
+    return epsilon_greedy(scores, allowed, epsilon, key, counter)
 
 
 @bare_kernel
-def log_probability(logits: NDArray[np.float32], action: int) -> float:
-    """The logarithm of the probability that softmax of logits [A] gives to an action."""
-    top = np.float64(logits[best(logits)])
+def log_probability(logits: NDArray[np.float32], allowed: int, action: int) -> float:
+    """The logarithm of the probability that softmax of logits [A] gives to an action, which is allowed."""
+    top = np.float64(logits[best(logits, allowed)])
     total: Real = 0.0
     for other in range(len(logits)):
-        total += exp(np.float64(logits[other]) - top)
+        if allowed >> other & 1:
+            total += exp(np.float64(logits[other]) - top)
     return float(np.float64(logits[action]) - top - log(total))

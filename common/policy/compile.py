@@ -12,6 +12,7 @@ from common.policy.compiled import Twin
 from common.policy.networks import build_network, export_parameters
 from common.policy.player import Acting, compiled_world, network_layout, play
 from common.policy.rollout import Rollouts
+from common.rail.interlocking.signals import ALL_ACTIONS
 from common.rules.settings import NetworkConfig
 from common.task import carry_out
 from common.world import WorldSpec
@@ -29,7 +30,7 @@ def main() -> None:
     play(Rollouts(world), level, Acting(twin, epsilon=0.5))
     world.load(0, level)
     world.observe_deciding()
-    twin.in_episode(0.5, 0, twin.zero_state(level.n_trains))(world.observe(0, 0), 0, 0)
+    twin.in_episode(0.5, 0, twin.zero_state(level.n_trains))(world.observe(0, 0), 0, 0, ALL_ACTIONS)
     world.step(np.zeros((1, level.n_trains), np.int8))
 
 

@@ -11,6 +11,7 @@ from common.policy.choosing import choose, draw_counter, log_probability
 from common.policy.flat import Arrays
 from common.policy.packing import ACTOR_CRITIC, Layout
 from common.policy.twin import forward
+from common.rail.interlocking.signals import ALL_ACTIONS
 from common.rail.play import Choose, Decision
 
 
@@ -32,6 +33,7 @@ class Choices(NamedTuple):
 def choose_rows(
     header: NDArray[np.int64],
     outputs: NDArray[np.float32],
+    allowed: NDArray[np.uint8],
     greedy: bool,
     epsilons: NDArray[np.float64],
     keys: NDArray[np.uint64],
@@ -44,6 +46,7 @@ def choose_rows(
     Args:
         header: of the network.
         outputs: [R, O].
+        allowed: [R], actions, a bit each.
         greedy: take the best; the draws are not looked at.
         epsilons: [R], only for action values.
         keys: [R], of the episodes' streams of exploration.
@@ -53,10 +56,10 @@ def choose_rows(
     """
     n_actions = header[2]
     for row in range(len(outputs)):
-        scores = outputs[row, :n_actions]
-        action = choose(header, scores, greedy, epsilons[row], keys[row], counters[row])
+        scores, bits = outputs[row, :n_actions], int(allowed[row])
+        action = choose(header, scores, bits, greedy, epsilons[row], keys[row], counters[row])
         actions[row] = action
-        log_probabilities[row] = log_probability(scores, action) if header[0] == ACTOR_CRITIC else 0.0
+        log_probabilities[row] = log_probability(scores, bits, action) if header[0] == ACTOR_CRITIC else 0.0
 
 
 class Chooser(Protocol):
@@ -95,23 +98,26 @@ class Chooser(Protocol):
         keys: NDArray[np.uint64],
         counters: NDArray[np.uint64],
         state: NDArray[np.float32] | None = None,
+        allowed: NDArray[np.uint8] | None = None,
         *,
         greedy: bool = False,
     ) -> Choices:
-        """What R trains do; see `choose_rows` and `outputs` for the arguments."""
+        """What R trains do; see `choose_rows` and `outputs` for the arguments. All actions are allowed if not given."""
         outputs = self.outputs(observations, state)
-        choices = Choices(np.empty(len(outputs), np.int8), outputs, np.empty(len(outputs), np.float32))
-        choose_rows(self.header, outputs, greedy, epsilons, keys, counters, choices.actions, choices.log_probabilities)
-        return choices
+        bits = np.full(len(outputs), ALL_ACTIONS, np.uint8) if allowed is None else allowed
+        actions, log_probabilities = np.empty(len(outputs), np.int8), np.empty(len(outputs), np.float32)
+        choose_rows(self.header, outputs, bits, greedy, epsilons, keys, counters, actions, log_probabilities)
+        return Choices(actions, outputs, log_probabilities)
 
     def in_episode(self, epsilon: float, key: int, states: NDArray[np.float32], *, greedy: bool = False) -> Choose:
         """The choices of an episode whose trains carry `states` [N, S] along; see `act` for the other arguments."""
         keys, epsilons = np.array([key], np.uint64), np.array([epsilon])
 
-        def decide(observation: NDArray[np.float32], step: int, train: int) -> Decision:
+        def decide(observation: NDArray[np.float32], step: int, train: int, allowed: int = ALL_ACTIONS) -> Decision:
             counters = np.array([draw_counter(step, len(states), train)], np.uint64)
             state = states[train : train + 1]
-            choices = self.act(observation[None], epsilons, keys, counters, state, greedy=greedy)
+            bits = np.array([allowed], np.uint8)
+            choices = self.act(observation[None], epsilons, keys, counters, state, bits, greedy=greedy)
             value = float(choices.outputs[0, -1]) if self.is_policy else 0.0
             return Decision(int(choices.actions[0]), float(choices.log_probabilities[0]), value)
 

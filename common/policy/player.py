@@ -97,6 +97,7 @@ def conditions(world: WorldSpec, rules: Rules) -> dict[str, Any]:
         "observation": world.observation,
         "decisions": world.decisions,
         "reward": world.reward,
+        "interlocking": world.interlocking,
         "bounds": world.bounds,
     }
 

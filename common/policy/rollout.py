@@ -20,6 +20,8 @@ from common.policy.player import NO_ACTIONS, Acting
 from common.policy.twin import forward_row, workspace_size
 from common.rail.compiled.batches import step_all
 from common.rail.compiled.world import CompiledWorld, Parts
+from common.rail.interlocking.asking import allowed, begin, grant, next_asked
+from common.rail.interlocking.signals import ALL_ACTIONS
 from common.rail.observations.table import look
 from common.rail.world import MOVE_FORWARD
 from common.records.course import NONE, Course, Decisions, columns
@@ -34,7 +36,7 @@ def tick(
 ) -> None:
     """One step of slot 0, and who arrived on it."""
     flags = parts.deciding, parts.arrived, parts.over
-    step_all(parts.batch, doing, gained, *flags, parts.decisions, parts.legacy, parts.reward, False)
+    step_all(parts.batch, doing, gained, *flags, parts.decisions, parts.legacy, parts.reward, parts.interlocking, False)
     for train in range(len(arrived_at)):
         if parts.arrived[0, train] and arrived_at[train] == NONE:
             arrived_at[train] = step
@@ -101,7 +103,7 @@ def run(
     size = workspace_size(header)
     places, values, sums = np.empty(size, np.int64), np.empty(size, np.float32), np.empty(size, np.float32)
     n_trains, n_actions = len(arrived_at), header[2]
-    out = np.empty(n_actions + 1, np.float32)
+    outputs, rows = np.empty((n_trains, n_actions + 1), np.float32), np.empty(n_trains, np.int64)
     doing = np.empty(parts.deciding.shape, np.int8)
     gained = np.empty(parts.deciding.shape, np.float32)
     decisions, step = 0, first_step
@@ -113,20 +115,27 @@ def run(
         for train in range(n_trains):
             if parts.deciding[0, train]:
                 notes.times[decisions + asking], notes.trains[decisions + asking] = step, train
+                rows[train] = asking
                 asking += 1
         if asking:
             seen = notes.observations[decisions : decisions + asking]
             look(parts.batch, parts.sight, parts.observation, parts.deciding, seen)
             for row in range(asking):
-                at, train = decisions + row, notes.trains[decisions + row]
-                forward_row(header, parameters, seen[row], states[train], out, places, values, sums)
-                scores = out[:n_actions]
+                train = notes.trains[decisions + row]
+                forward_row(header, parameters, seen[row], states[train], outputs[row], places, values, sums)
+            begin(parts.batch, 0, parts.interlocking, parts.signals)
+            for _ in range(asking):  # in another order than the rows, as what one is granted binds the next
+                train = next_asked(parts.batch, 0, parts.deciding[0], parts.signals)
+                bits = allowed(parts.batch, 0, parts.interlocking, train, parts.signals)
+                at, scores = decisions + rows[train], outputs[rows[train], :n_actions]
                 counter = np.uint64(draw_counter(step, n_trains, train))
-                action = choose(header, scores, greedy, epsilon, key, counter)
+                action = choose(header, scores, bits, greedy, epsilon, key, counter)
+                grant(parts.batch, 0, parts.interlocking, train, action, parts.signals)
                 doing[0, train] = notes.actions[at] = action
+                notes.allowed[at] = bits
                 is_policy = header[0] == ACTOR_CRITIC
-                notes.log_probabilities[at] = log_probability(scores, action) if is_policy else 0.0
-                notes.values[at] = out[n_actions] if is_policy else np.float32(0)
+                notes.log_probabilities[at] = log_probability(scores, bits, action) if is_policy else 0.0
+                notes.values[at] = outputs[rows[train], n_actions] if is_policy else np.float32(0)
             decisions += asking
         tick(parts, doing, gained, step, arrived_at)
         for train in range(n_trains):
@@ -189,6 +198,7 @@ class Rollouts:
             rewards=pieces[0][1] if len(pieces) == 1 else np.concatenate([rewards for _, rewards in pieces]),
             arrived_at=self._arrived_at.copy(),
             final_observations=self._look_back(parts, over=over),
+            final_allowed=self._allowed_at_end(over=over),
             states=states.copy(),
             score=self._score() if over else None,
         )
@@ -235,3 +245,7 @@ class Rollouts:
             look(parts.batch, parts.sight, parts.observation, asking, seen)
             final[stopped] = seen
         return final
+
+    def _allowed_at_end(self, *, over: bool) -> NDArray[np.uint8]:
+        n_trains = len(self._arrived_at)
+        return self._world.allowed(0)[:n_trains].copy() if over else np.full(n_trains, ALL_ACTIONS, np.uint8)

@@ -178,7 +178,7 @@ class LegacyDriver:
 
     def __init__(self) -> None:
         self.committed: int | None = None
-        self._moving = False
+        self.moving = False  # or tries to
         self._sent = DO_NOTHING
         self._before: Any = None
 
@@ -193,14 +193,14 @@ class LegacyDriver:
         if self.committed is not None:
             action = self.committed
         elif here is not None and action == DO_NOTHING:
-            action = MOVE_FORWARD if self._moving else STOP_MOVING
-        self._moving = here is not None and action != STOP_MOVING and has_way(action)
+            action = MOVE_FORWARD if self.moving else STOP_MOVING
+        self.moving = here is not None and action != STOP_MOVING and has_way(action)
         self._before, self._sent = here, action
         return action
 
     def look(self, here: Any) -> None:
         """Take over where the train has come to."""
-        self.committed = self._sent if self._moving and here == self._before else None
+        self.committed = self._sent if self.moving and here == self._before else None
 
 
 class LegacyActions:
@@ -208,22 +208,22 @@ class LegacyActions:
 
     def __init__(self, env: LevelEnv) -> None:
         self._env: Any = env
-        self._drivers = [LegacyDriver() for _ in env.agents]
+        self.drivers = [LegacyDriver() for _ in env.agents]
 
     @property
     def committed(self) -> list[int | None]:
         """[N]: the actions that trains are committed to."""
-        return [driver.committed for driver in self._drivers]
+        return [driver.committed for driver in self.drivers]
 
     def step(self, actions: Sequence[int]) -> dict[int, RailEnvActions]:
         """Step the environment with an action a train; returns what it was given."""
         agents = self._env.agents
         sent = {}
-        for train, driver in enumerate(self._drivers):
+        for train, driver in enumerate(self.drivers):
             here = agents[train].current_configuration
             sent[train] = ACTIONS[driver.send(here, actions[train], partial(has_way, self._env.rail, here))]
         self._env.step(sent)
-        for agent, driver in zip(agents, self._drivers, strict=True):
+        for agent, driver in zip(agents, self.drivers, strict=True):
             driver.look(agent.current_configuration)
         return sent
 

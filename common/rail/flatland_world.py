@@ -16,16 +16,18 @@ from numpy.typing import NDArray
 
 from common.levels.distributions import Bounds, Rules
 from common.levels.level import Level
+from common.rail.asking import Asking, Free
 from common.rail.compiled.decisions import Decisions
 from common.rail.compiled.world import STUDY_REWARD, STUDY_TREE
 from common.rail.decisions import decision_cells
 from common.rail.flatland_env import ACTIONS, LegacyActions, LevelEnv, StudyRewards
 from common.rail.flatland_sights import LegacyTrees, sight_of
+from common.rail.interlocking.signals import ALL_ACTIONS, INTERLOCKINGS, SAFE, Interlocking
 from common.rail.mirror import Mirror
 from common.rail.observations.table import AnyObservation
 from common.rail.orders import orders_of
 from common.rail.rewards.table import AnyReward
-from common.rail.world import MOVE_FORWARD, check_level
+from common.rail.world import DO_NOTHING, MOVE_FORWARD, check_level
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class Settings:
     observation: AnyObservation = STUDY_TREE
     decisions: Decisions = "cells"
     reward: AnyReward = STUDY_REWARD
+    interlocking: Interlocking = "off"
     bounds: Bounds | None = None
 
 
@@ -70,8 +73,8 @@ class FlatlandEpisode:
         told = settings.observation, settings.rules, settings.bounds
         sight = sight_of(*told, self._env, level)
         self._mirror: Mirror | None = None
-        if sight is None or self._pays_by_mirror:
-            self._mirror = Mirror(self._env, level, *told, settings.reward)
+        if sight is None or self._pays_by_mirror or settings.interlocking != "off":
+            self._mirror = Mirror(self._env, level, *told, settings.reward, settings.interlocking, self._actions)
         self._sight: Any = self._mirror if sight is None else sight
         self._look()
 
@@ -114,6 +117,22 @@ class FlatlandEpisode:
             not committed[train] and decides(agent, self._settings.decisions, self._cells)
             for train, agent in enumerate(self._agents)
         ]
+
+    def ask(self, deciding: NDArray[np.bool_]) -> Asking:
+        """As `World.ask`, of the trains of which `deciding` [N] holds."""
+        return Free(deciding) if self._mirror is None else self._mirror.ask(deciding)
+
+    def allowed(self) -> NDArray[np.uint8]:
+        """[N], as `World.allowed`."""
+        if self._mirror is None:
+            return np.full(self.level.n_trains, ALL_ACTIONS, np.uint8)
+        return self._mirror.allowed()
+
+    def unasked(self) -> list[int]:
+        """[N]: what the trains are told that do not decide; see `common.rail.asking.unasked`."""
+        if INTERLOCKINGS[self._settings.interlocking] < SAFE:
+            return [MOVE_FORWARD] * self.level.n_trains
+        return [DO_NOTHING if here is None else MOVE_FORWARD for here in self.configurations()]
 
     def arrived(self) -> list[bool]:
         return [agent.state == TrainState.DONE for agent in self._agents]
@@ -169,12 +188,13 @@ class FlatlandWorld:
         observation: AnyObservation = STUDY_TREE,
         decisions: Decisions = "cells",
         reward: AnyReward = STUDY_REWARD,
+        interlocking: Interlocking = "off",
         bounds: Bounds | None = None,
     ) -> None:
         self.slots = slots
         self.max_trains = max_trains
         self.n_features = observation.n_features(bounds)
-        self._settings = Settings(rules, observation, decisions, reward, bounds)
+        self._settings = Settings(rules, observation, decisions, reward, interlocking, bounds)
         self._episodes: list[FlatlandEpisode | None] = [None] * slots
         self._deciding = np.zeros((slots, max_trains), dtype=np.bool_)
         self._arrived = np.zeros((slots, max_trains), dtype=np.bool_)
@@ -200,13 +220,23 @@ class FlatlandWorld:
         episode = self._episodes[slot]
         return float("nan") if episode is None else episode.score()
 
+    def ask(self, slot: int) -> Asking:
+        episode = self._episode(slot)
+        return episode.ask(self._deciding[slot, : episode.level.n_trains])
+
+    def allowed(self, slot: int) -> NDArray[np.uint8]:
+        bits = np.full(self.max_trains, ALL_ACTIONS, np.uint8)
+        episode = self._episode(slot)
+        bits[: episode.level.n_trains] = episode.allowed()
+        return bits
+
     def step(self, actions: NDArray[np.int8]) -> NDArray[np.float32]:
         rewards = np.zeros((self.slots, self.max_trains), dtype=np.float32)
-        chosen = np.where(self._deciding, actions, MOVE_FORWARD)
         for slot, episode in enumerate(self._episodes):
             if episode is not None and not self._over[slot]:
                 trains = episode.level.n_trains
-                rewards[slot, :trains] = episode.step(chosen[slot, :trains].tolist())
+                chosen = np.where(self._deciding[slot, :trains], actions[slot, :trains], episode.unasked())
+                rewards[slot, :trains] = episode.step(chosen.tolist())
                 self._look(slot, episode)
         return rewards
 

@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 
 from common.levels.distributions import Bounds, Rules
 from common.levels.level import Level
+from common.rail.asking import Asking, asking_of
 from common.rail.compiled.arrays import IS_OCCUPIED, NOTHING, NOWHERE
 from common.rail.compiled.world import CompiledWorld
+from common.rail.flatland_env import LegacyActions
+from common.rail.interlocking.signals import Interlocking
 from common.rail.observations.table import AnyObservation, header_of, look
 from common.rail.rewards.table import AnyReward, pay
 
@@ -26,11 +29,15 @@ class Mirror:
         rules: Rules,
         bounds: Bounds | None,
         reward: AnyReward,
+        interlocking: Interlocking = "off",
+        actions: LegacyActions | None = None,
     ) -> None:
+        """`actions`, of the rules of 2.2.2, are what an interlocking has to know besides."""
         self._env: Any = env
+        self._actions = actions
         self._observation = header_of(observation, rules, bounds)
         self._n_features = observation.n_features(bounds)
-        self._world = CompiledWorld(1, level.n_trains, rules=rules, reward=reward)
+        self._world = CompiledWorld(1, level.n_trains, rules=rules, reward=reward, interlocking=interlocking)
         self._world.load(0, level)
         cells = self._world.batch.cells[0, : self._world.batch.worlds[0]["cells"]]
         places = zip(cells["row"].tolist(), cells["column"].tolist(), strict=True)
@@ -49,6 +56,10 @@ class Mirror:
         for at, agent in enumerate(agents):
             train = self._world.batch.trains[0, at]
             self._copy_train(train, agent, int(world["unit"]))
+            if self._actions is not None:
+                driver = self._actions.drivers[at]
+                train["committed"] = NOTHING if driver.committed is None else driver.committed
+                train["driving"] = driver.moving
             if train["config"] != NOWHERE:
                 cell = int(train["config"]) >> 2
                 cells[cell]["train"] = at
@@ -73,12 +84,22 @@ class Mirror:
         pay(parts.batch, 0, rewards, parts.reward)
         return rewards
 
+    def ask(self, deciding: NDArray[np.bool_]) -> Asking:
+        """As `World.ask`, of the trains of which `deciding` [N] holds."""
+        parts = self._world.parts()
+        return asking_of(parts.batch, 0, parts.interlocking, parts.signals, deciding)
+
+    def allowed(self) -> NDArray[np.uint8]:
+        """[N], as `World.allowed`."""
+        return self._world.allowed(0)
+
     def _copy_train(self, train: np.void, agent: Any, unit: int) -> None:
         train["state"] = int(agent.state)
         train["config"] = self._configuration(agent.current_configuration)
         train["before"] = self._configuration(agent.old_configuration)
         train["finish"] = self._configuration(agent.target_configuration)
         train["speed"] = int(agent.speed_counter.speed * unit)
+        train["distance"] = int(agent.speed_counter.distance * unit)
         train["malfunction"] = agent.malfunction_handler.malfunction_down_counter
         train["arrived_at"] = NOTHING if agent.arrival_time is None else agent.arrival_time
 

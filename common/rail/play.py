@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.levels.level import Level
+from common.rail.interlocking.signals import ALL_ACTIONS
 from common.rail.world import MOVE_FORWARD, World
 from common.records.course import NONE, Course, Decisions
 
@@ -19,7 +20,7 @@ class Decision(NamedTuple):
     value: float = 0.0
 
 
-Choose = Callable[[NDArray[np.float32], int, int], Decision]  # observation [F], step, train
+Choose = Callable[[NDArray[np.float32], int, int, int], Decision]  # observation [F], step, train, allowed actions
 
 
 class Stage:
@@ -56,17 +57,17 @@ class Stage:
         if level is None:
             raise ValueError("nothing to advance: begin an episode first")
         last_step = level.max_steps if steps is None else first_step + steps
-        observations, marks, chosen, rewards = [], [], [], []
+        observations, marks, allowed, chosen, rewards = [], [], [], [], []
         while self._step < last_step and not self._world.over()[0]:
-            actions = {}
-            for train in self._deciding():
-                observation = self._world.observe(0, train)
-                decision = choose(observation, self._step, train)
-                actions[train] = decision.action
+            seen = {train: self._world.observe(0, train) for train in self._deciding()}
+            made = self._ask(choose, seen)
+            for train, observation in seen.items():
+                bits, decision = made[train]
                 observations.append(observation)
                 marks.append((self._step, train))
+                allowed.append(bits)
                 chosen.append(decision)
-            rewards.append(self._take(actions))
+            rewards.append(self._take({train: decision.action for train, (_, decision) in made.items()}))
         count = len(chosen)
         times, trains = np.array(marks, np.int32).reshape(count, 2).T.copy()
         taken = np.array(chosen).reshape(count, 3).T
@@ -75,6 +76,7 @@ class Stage:
             times=times,
             trains=trains,
             actions=taken[0].astype(np.int8),
+            allowed=np.array(allowed, np.uint8),
             log_probabilities=taken[1].astype(np.float32),
             values=taken[2].astype(np.float32),
         )
@@ -87,6 +89,7 @@ class Stage:
             rewards=np.array(rewards, np.float32).reshape(-1, level.n_trains),
             arrived_at=self._arrived_at.copy(),
             final_observations=self._look_back(),
+            final_allowed=self._allowed_at_end(),
             states=states.copy(),
             score=self._score(),
         )
@@ -94,6 +97,15 @@ class Stage:
     def _deciding(self) -> list[int]:
         trains: list[int] = np.flatnonzero(self._world.deciding()[0]).tolist()
         return trains
+
+    def _ask(self, choose: Choose, seen: dict[int, NDArray[np.float32]]) -> dict[int, tuple[int, Decision]]:
+        """What the deciding trains, which see these observations, are allowed and do; asked one after another."""
+        made, asking = {}, self._world.ask(0)
+        for train, allowed in asking:
+            decision = choose(seen[train], self._step, train, allowed)
+            asking.grant(train, decision.action)
+            made[train] = allowed, decision
+        return made
 
     def _take(self, chosen: dict[int, int]) -> NDArray[np.float32]:
         self._on_step()
@@ -116,3 +128,9 @@ class Stage:
             for train in np.flatnonzero(self._arrived_at == NONE).tolist():
                 final[train] = self._world.observe(0, train)
         return final
+
+    def _allowed_at_end(self) -> NDArray[np.uint8]:
+        n_trains = len(self._arrived_at)
+        if self._world.over()[0]:
+            return self._world.allowed(0)[:n_trains]
+        return np.full(n_trains, ALL_ACTIONS, np.uint8)

@@ -1,12 +1,15 @@
 """The interface that a batch of episodes runs through, whichever engine steps it."""
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.levels.distributions import Bounds
 from common.levels.level import Level
+
+if TYPE_CHECKING:
+    from common.rail.asking import Asking
 
 N_ACTIONS = 5
 DO_NOTHING, MOVE_LEFT, MOVE_FORWARD, MOVE_RIGHT, STOP_MOVING = range(N_ACTIONS)
@@ -32,6 +35,17 @@ class World(Protocol):
 
     def observe(self, slot: int, train: int) -> NDArray[np.float32]:
         """[F]: the observation of a train that has not arrived."""
+        ...
+
+    def ask(self, slot: int) -> "Asking":
+        """Begin to ask the slot's deciding trains, one after another, what they do; `step` does not depend on it."""
+        ...
+
+    def allowed(self, slot: int) -> NDArray[np.uint8]:
+        """[N]: what each train would be allowed if it were asked before all others, a bit for each action.
+
+        All actions for those that have arrived, and where there is no interlocking.
+        """
         ...
 
     def step(self, actions: NDArray[np.int8]) -> NDArray[np.float32]:

@@ -21,6 +21,7 @@ class Decisions(Record):
         times: [D], steps since the start of the episode.
         trains: [D].
         actions: [D].
+        allowed: [D], what there was to choose from, a bit for each action.
         log_probabilities: [D], of the actions; zero for networks of action values.
         values: [D], of what was observed; zero for networks of action values.
     """
@@ -29,6 +30,7 @@ class Decisions(Record):
     times: Annotated[NDArray[np.int32], Array("int32", ("D",))]
     trains: Annotated[NDArray[np.int32], Array("int32", ("D",))]
     actions: Annotated[NDArray[np.int8], Array("int8", ("D",))]
+    allowed: Annotated[NDArray[np.uint8], Array("uint8", ("D",))]
     log_probabilities: Annotated[NDArray[np.float32], Array("float32", ("D",))]
     values: Annotated[NDArray[np.float32], Array("float32", ("D",))]
 
@@ -74,6 +76,7 @@ class Course(Record):
         rewards: [T, N], what is learned from; any finite numbers.
         arrived_at: [N], the step since the start of the episode on which a train arrived, -1 for none so far.
         final_observations: [N, F], what trains saw that the step limit stopped; else zeros.
+        final_allowed: [N], what would be allowed to trains that the step limit stopped, a bit an action; else all.
         states: [N, S], what trains carry along; S is 0 but for recurrent networks.
         score: flatland-rl 4.3.0's own normalised score of a level of its rules, once the episode is over; else None.
     """
@@ -86,6 +89,7 @@ class Course(Record):
     rewards: Annotated[NDArray[np.float32], Array("float32", ("T", "N"))]
     arrived_at: Annotated[NDArray[np.int32], Array("int32", ("N",))]
     final_observations: Annotated[NDArray[np.float32], Array("float32", ("N", "F"))]
+    final_allowed: Annotated[NDArray[np.uint8], Array("uint8", ("N",))]
     states: Annotated[NDArray[np.float32], Array("float32", ("N", "S"))]
     score: float | None = None
 
@@ -98,10 +102,15 @@ class Course(Record):
             check_range("decisions.times", self.decisions.times, first, end)
             check_range("decisions.trains", self.decisions.trains, 0, trains)
             check_range("decisions.actions", self.decisions.actions, 0, 5)
+            check_range("decisions.allowed", self.decisions.allowed, 1, 1 << 5)
+            chosen = zip(self.decisions.actions.tolist(), self.decisions.allowed.tolist(), strict=True)
+            if not all(bits >> action & 1 for action, bits in chosen):
+                raise ValueError("decisions.actions: one is not among those allowed")
         if not 1 <= steps <= self.max_steps - self.first_step or trains < 1:
             most = self.max_steps - self.first_step
             raise ValueError(f"rewards: wants 1..{most} steps of at least one train, got {steps} of {trains}")
         check_range("arrived_at", self.arrived_at, NONE, end)
+        check_range("final_allowed", self.final_allowed, 1, 1 << 5)
         if self.score is not None and not self.over:
             raise ValueError(f"score: {self.score} of an episode that is not over")
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 MAX_ARRAY_BYTES = 4_000_000_000  # of one array in memory: a message of zeros is a thirtieth of what it unpacks to
 ARRAY_TYPE, SPARSE_TYPE = 1, 2
 SPARSE_FROM = 1 << 13  # numbers; to look for the zeros in what is smaller costs more than to send them
-ARRAY_DTYPES = {name: np.dtype(name) for name in ("|i1", "<i4", "<i8", "<f4", "<f8")}
+ARRAY_DTYPES = {name: np.dtype(name) for name in ("|i1", "|u1", "<i4", "<i8", "<f4", "<f8")}
 ROOM = 1 << 14  # bytes that packing begins with; msgpack's own 256 KB come from the system, and go back, each time
 
 

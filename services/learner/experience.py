@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from common.rules.replay import ReplayConfig
 from common.seeding import stream_key
+from services.learner.former import with_all_allowed
 from services.learner.replay.replay import Replay
 from services.learner.sparse import Observations, dense_rows
 
@@ -23,6 +24,7 @@ class Experience(NamedTuple):
 
     observation_tm1: Annotated[Observations, np.float32]  # [B, F]
     action_tm1: Annotated[NDArray[np.int64], np.int8]  # [B]
+    allowed_tm1: Annotated[NDArray[np.int64], np.uint8]  # [B], what there was to choose from, a bit for each action
     return_t: Annotated[NDArray[np.float32], np.float32]  # [B]
     least_return_t: Annotated[
         NDArray[np.float32], np.float32
@@ -82,7 +84,8 @@ class ExperienceReplay:
         """Take on a `state`; ValueError names the tensor that does not fit."""
         if DRAWS not in state:
             raise ValueError(f"tensor {DRAWS} is missing: this state is of another rule")
-        self._replay.restore({name: array for name, array in state.items() if name != DRAWS})
+        kept = {name: array for name, array in state.items() if name != DRAWS}
+        self._replay.restore(with_all_allowed(kept, "allowed_tm1"))
         self._draws = int(state[DRAWS])
 
 

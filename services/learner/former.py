@@ -1,10 +1,16 @@
-"""Fragments of an open episode as snapshots held them before schema 3: flat, without the lease that they answer."""
+"""What earlier versions left in snapshots, as this one has it.
 
-from collections.abc import Sequence
+Before schema 5 no decision said what was allowed: everything was. Before 4 arrays stood where their fields are, before
+3 a fragment was flat, without the lease that it answers.
+"""
+
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from common.rail.interlocking.signals import ALL_ACTIONS
 from common.records.acting import Circumstances, Fragment, Lease, Progressed
 from common.records.course import Course, Decisions
 
@@ -19,6 +25,7 @@ def fragment_of_flat(flat: dict[str, Any], before: Sequence[Fragment]) -> Fragme
     Raises:
         ValueError, KeyError: this is no such fragment.
     """
+    flat = flat | _all_allowed(flat, flat)
     parts = {record: {name: flat[name] for name in record.model_fields if name in flat} for record in RECORDS}
     decisions = Decisions(**parts[Decisions])
     course = Course(**parts[Course], decisions=decisions)
@@ -37,3 +44,33 @@ def fragment_of_flat(flat: dict[str, Any], before: Sequence[Fragment]) -> Fragme
         progressed=progressed,
     )
     return Fragment(lease=lease, course=course, circumstances=Circumstances(**parts[Circumstances]))
+
+
+def fragment_of_mapping(plain: dict[str, Any]) -> Fragment:
+    """The fragment of schema 3, in which arrays stand where their fields are.
+
+    Raises:
+        ValueError, KeyError: this is no such fragment.
+    """
+    course, decisions = plain["course"], plain["course"]["decisions"]
+    found = _all_allowed(course, decisions)
+    decisions = decisions | {"allowed": found.pop("allowed")}
+    return Fragment.model_validate(plain | {"course": course | found | {"decisions": decisions}})
+
+
+def blocks_with_all_allowed(plain: list[Any]) -> list[Any]:
+    """The fields, lengths and blocks of a fragment of schema 4, with the block that came after."""
+    lengths = plain[1]
+    return [*plain, bytes([ALL_ACTIONS]) * (lengths["N"] + lengths["D"])]
+
+
+def with_all_allowed(state: Mapping[str, NDArray[Any]], column: str) -> Mapping[str, NDArray[Any]]:
+    """The state of a replay; before schema 5 it had no `column` that says what was allowed."""
+    if column in state or "action_tm1" not in state:
+        return state
+    return {**state, column: np.full(len(state["action_tm1"]), ALL_ACTIONS, np.uint8)}
+
+
+def _all_allowed(course: dict[str, Any], decisions: dict[str, Any]) -> dict[str, Any]:
+    counts = {"final_allowed": len(course["arrived_at"]), "allowed": len(decisions["times"])}
+    return {name: np.full(count, ALL_ACTIONS, np.uint8) for name, count in counts.items()}

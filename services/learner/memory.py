@@ -3,12 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
+from msgpack._cmsgpack import Packer  # as in `common.wire.codec`
 
 from common.checkpoint import Tensors
 from common.policy.flat import Arrays
 from common.records.acting import Fragment
+from common.wire.blocks import dtypes_of
 from common.wire.codec import decode, encode, encoding_of, unpack
-from services.learner.former import fragment_of_flat
+from services.learner.former import blocks_with_all_allowed, fragment_of_flat, fragment_of_mapping
 
 # What the names of its arrays begin with:
 OLDER, SETTLED, OPEN = "weights/", "settled/", "open/"
@@ -60,7 +62,8 @@ def take_memory(snapshot: Tensors) -> Memory:
 
 def _fragment(body: bytes, before: list[Fragment]) -> Fragment:
     plain = unpack(body)
-    if not isinstance(plain, dict):
-        return decode(Fragment, encoding_of(Fragment), body)
-    # Before schema 4 arrays were where their fields are, and before 3 all fields were in one mapping.
-    return Fragment.model_validate(plain) if "lease" in plain else fragment_of_flat(plain, before)
+    if isinstance(plain, dict):
+        return fragment_of_mapping(plain) if "lease" in plain else fragment_of_flat(plain, before)
+    if len(plain) == 1 + len(dtypes_of(Fragment)):  # before schema 5
+        body = Packer().pack(blocks_with_all_allowed(plain))
+    return decode(Fragment, encoding_of(Fragment), body)

@@ -147,6 +147,7 @@ class PolicyTrainer:
         return Experience(
             observation_tm1=_own(decisions.observations),
             action_tm1=decisions.actions.astype(np.int64),
+            allowed_tm1=decisions.allowed.astype(np.int64),
             return_t=decision_returns(course, values, self._discount),
             least_return_t=decision_returns(course, least, self._discount),
             log_probability_tm1=_own(decisions.log_probabilities),

@@ -9,6 +9,7 @@ import os
 
 import numpy as np
 
+from common.rail.interlocking.signals import ALL_ACTIONS
 from common.records.acting import Circumstances, Fragment, Lease
 from common.records.course import Course, Decisions
 from common.rules.dqn import QNetworkConfig, Settings
@@ -33,6 +34,7 @@ def made_up_episode(number: int) -> Fragment:
         times=np.repeat(np.arange(STEPS, dtype=np.int32), TRAINS),
         trains=np.tile(np.arange(TRAINS, dtype=np.int32), STEPS),
         actions=rng.integers(0, N_ACTIONS, count, np.int8),
+        allowed=np.full(count, ALL_ACTIONS, np.uint8),
         log_probabilities=np.zeros(count, np.float32),
         values=np.zeros(count, np.float32),
     )
@@ -45,6 +47,7 @@ def made_up_episode(number: int) -> Fragment:
         rewards=np.full((STEPS, TRAINS), -1, np.float32),
         arrived_at=np.full(TRAINS, -1, np.int32),
         final_observations=np.zeros((TRAINS, N_FEATURES), np.float32),
+        final_allowed=np.full(TRAINS, ALL_ACTIONS, np.uint8),
         states=np.zeros((TRAINS, 0), np.float32),
     )
     lease = Lease(

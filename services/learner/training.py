@@ -17,6 +17,7 @@ from common.records.acting import Fragment
 from common.rules.replay import UniformReplay
 from common.rules.values import ValueSettings
 from common.seeding import stream_key
+from services.learner.former import with_all_allowed
 from services.learner.learning import Learning, by_part, means
 from services.learner.replay.replay import Replay, Sample
 from services.learner.replay.transitions import COLUMNS, ROWS, TransitionMaker
@@ -35,6 +36,7 @@ class Batch(NamedTuple):
     action_tm1: NDArray[np.int64]  # [B]
     reward_t: NDArray[np.float32]  # [B]
     discount_t: NDArray[np.float32]  # [B]
+    allowed_t: NDArray[np.int64]  # [B], actions that may follow, a bit each
     observation_t: Observations
     weights: NDArray[np.float32]  # [B], of each transition's squared error
 
@@ -141,7 +143,7 @@ class ValueTrainer:
         if different := sorted(set(parts["trainer"]) ^ set(COUNTERS)):
             raise ValueError(f"tensor trainer/{different[0]} is missing or unknown: wants {', '.join(COUNTERS)}")
         self._method.restore(parts["algorithm"])
-        self._replay.restore(parts["replay"])
+        self._replay.restore(with_all_allowed(parts["replay"], "allowed_t"))
         self._maker.forget()
         for fragment in opened:
             self._maker.take(fragment)  # its transitions are in the replay
@@ -157,7 +159,15 @@ class ValueTrainer:
         sample = self._replay.sample(self._config.batch_size, key, self._beta)
         columns = sample.columns
         before, after = self._look(self._replay, sample)
-        batch = Batch(before, columns["action_tm1"], columns["reward_t"], columns["discount_t"], after, sample.weights)
+        batch = Batch(
+            observation_tm1=before,
+            action_tm1=columns["action_tm1"],
+            reward_t=columns["reward_t"],
+            discount_t=columns["discount_t"],
+            allowed_t=columns["allowed_t"],
+            observation_t=after,
+            weights=sample.weights,
+        )
         update = self._method.update(batch)
         self._replay.reprioritise(sample.places, update.error_sizes)
         self._counters["updates"] += 1

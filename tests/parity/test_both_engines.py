@@ -31,8 +31,14 @@ SETTINGS: list[dict[str, Any]] = [
     {"observation": TreeObservation(conflicts="repaired"), "reward": SHAPED},
     {"observation": GlobalObservation(), "reward": StudyReward(), "decisions": "always"},
     {"observation": LocalObservation(radius=3), "reward": DelayReward(), "decisions": "legacy"},
+    {"interlocking": "valid", "decisions": "always", "observation": TreeObservation(depth=1)},
+    {"interlocking": "safe", "observation": TreeObservation(depth=1), "reward": SHAPED},
+    {"interlocking": "planned", "observation": TreeObservation(depth=1), "reward": DelayReward()},
 ]
-NAMES = ["as-in-the-study", "depth-1-delay-always", "plain-shaped-legacy", "repaired-shaped", "global", "local-delay"]
+NAMES = [
+    *("as-in-the-study", "depth-1-delay-always", "plain-shaped-legacy", "repaired-shaped", "global", "local-delay"),
+    *("valid-always", "safe-shaped", "planned-delay"),
+]
 
 
 def stock_levels(seeds: Sequence[int]) -> list[Level]:
@@ -90,6 +96,18 @@ def test_worlds_of_any_size_are_equal(side: int, trains: int, cities: int, most_
     assert compare_worlds([level], rules="stock", most_steps=most_steps, **settings) > 500
 
 
+def ask(slot: int, ours: CompiledWorld, theirs: FlatlandWorld, actions: Any) -> None:
+    """Both engines ask the same trains in the same order, and allow them the same; who may not do as it wants stops."""
+    assert ours.allowed(slot).tolist() == theirs.allowed(slot).tolist()
+    questions = ours.ask(slot), theirs.ask(slot)
+    for (train, bits), question in zip(*questions, strict=True):
+        assert (train, bits) == question
+        if not bits >> int(actions[train]) & 1:
+            actions[train] = bits.bit_length() - 1
+        for asking in questions:
+            asking.grant(train, int(actions[train]))
+
+
 def compare_worlds(levels: list[Level], most_steps: int = 100_000, **settings: Any) -> int:
     """Random play, step by step; slots are loaded anew when their episode is over; returns how much was observed."""
     slots, most = min(2, len(levels)), max(level.n_trains for level in levels)
@@ -117,6 +135,8 @@ def compare_worlds(levels: list[Level], most_steps: int = 100_000, **settings: A
             assert vector.tobytes() == theirs.observe(slot, train).tobytes()
             observed += 1
         actions = rng.choice(5, p=MIXES[len(waiting) % len(MIXES)], size=(slots, most)).astype(np.int8)
+        for slot in range(slots):
+            ask(slot, ours, theirs, actions[slot])
         assert ours.step(actions).tobytes() == theirs.step(actions).tobytes()
         np.testing.assert_array_equal(ours.arrived(), theirs.arrived())
         np.testing.assert_array_equal(ours.over(), theirs.over())

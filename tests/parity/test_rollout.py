@@ -24,9 +24,10 @@ BUILDS = {
 }
 
 
-def study_player(engine, trains=7, **options):
+def study_player(engine, trains=7, interlocking="off", **options):
     """What plays the study's levels."""
-    return player(engine, study_world(), "legacy", trains, **options)
+    world = study_world().model_copy(update={"interlocking": interlocking})
+    return player(engine, world, "legacy", trains, **options)
 
 
 def twin_of(kind, seed):
@@ -54,6 +55,20 @@ def test_both_engines_play_the_same_episode(difficulty, kind):
             == bool(compiled.decisions.log_probabilities.any())
         )
         assert (kind == "recurrent") == (compiled.states.shape[1] > 0)
+
+
+@pytest.mark.parametrize("kind", ["recurrent", "actor-critic"])
+@pytest.mark.parametrize("interlocking", ["valid", "safe", "planned"])
+def test_both_engines_grant_the_same_actions(interlocking, kind):
+    acting = Acting(twin_of(kind, seed=3), epsilon=0.6, key=77)
+    level = LevelSupply().training("hard", 1)
+    compiled, flatland = (play(study_player(engine, interlocking=interlocking), level, acting) for engine in ENGINES)
+    assert same(compiled, flatland)
+    assert (compiled.decisions.allowed < 31).all()
+    assert ((compiled.final_allowed < 31) == (compiled.arrived_at < 0)).all()
+    free = play(study_player("compiled"), level, acting)
+    assert (free.decisions.allowed == 31).all()
+    assert (free.final_allowed == 31).all()
 
 
 @pytest.mark.parametrize("greedy", [False, True])
@@ -89,18 +104,18 @@ def test_an_episode_noted_piece_by_piece_is_the_same(kind, room):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("kind", ["dueling", "recurrent"])
-def test_fragments_joined_are_the_whole_episode_even_if_each_has_another_player(kind, engine):
+@pytest.mark.parametrize(("kind", "interlocking"), [("dueling", "off"), ("recurrent", "off"), ("recurrent", "planned")])
+def test_fragments_joined_are_the_whole_episode_even_if_each_has_another_player(kind, interlocking, engine):
     acting = Acting(twin_of(kind, seed=6), epsilon=0.4, key=3)
     level = LevelSupply().training("medium", 2)
-    whole = play(study_player(engine), level, acting)
-    one = study_player(engine)
+    whole = play(study_player(engine, interlocking=interlocking), level, acting)
+    one = study_player(engine, interlocking=interlocking)
     one.begin(level)
     states = acting.twin.zero_state(level.n_trains)
     parts: list[Course] = []
     while not (parts and parts[-1].over):
         if len(parts) % 2:  # another player takes over
-            one = study_player(engine)
+            one = study_player(engine, interlocking=interlocking)
             one.begin(level, 0, np.concatenate([part.decisions.actions for part in parts]), parts[-1].last_step)
             states = parts[-1].states.copy()
         parts.append(one.advance(acting, states, steps=17))
@@ -108,9 +123,10 @@ def test_fragments_joined_are_the_whole_episode_even_if_each_has_another_player(
     assert [part.first_step for part in parts] == list(range(0, whole.last_step, 17))
     assert same(Decisions.joined([part.decisions for part in parts]), whole.decisions)
     assert np.concatenate([part.rewards for part in parts]).tobytes() == whole.rewards.tobytes()
-    for name in ("arrived_at", "final_observations", "states"):
+    for name in ("arrived_at", "final_observations", "final_allowed", "states"):
         assert getattr(parts[-1], name).tobytes() == getattr(whole, name).tobytes()
     assert not any(part.final_observations.any() for part in parts[:-1])
+    assert all((part.final_allowed == 31).all() for part in parts[:-1])
 
 
 @pytest.mark.parametrize("engine", ENGINES)

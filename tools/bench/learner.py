@@ -21,6 +21,7 @@ from common.policy.networks import build_network, export_parameters
 from common.policy.packing import Kind, Layout
 from common.policy.player import Acting, play
 from common.policy.recurrent import build_recurrent_network
+from common.rail.interlocking.signals import ALL_ACTIONS
 from common.rail.normalise import N_FEATURES
 from common.rail.world import N_ACTIONS
 from common.rules.policies import PpoConfig
@@ -94,6 +95,7 @@ def value_case(name: str, kind: Kind, batch_size: int, target_tau: float | None 
             action_tm1=rng.integers(N_ACTIONS, size=batch_size),
             reward_t=-rng.integers(1, 20, batch_size).astype(np.float32),
             discount_t=(0.9 * (rng.random(batch_size) < 0.9)).astype(np.float32),
+            allowed_t=np.full(batch_size, ALL_ACTIONS),
             observation_t=seen.draw(rng, *rows),
             weights=1 - rng.random(batch_size, np.float32) / 2,
         )
@@ -125,6 +127,7 @@ def policy_case(name: str, batch_size: int, sil: SilConfig | None = None, epochs
         return Experience(
             observation_tm1=seen.draw(rng, batch_size),
             action_tm1=rng.integers(N_ACTIONS, size=batch_size),
+            allowed_tm1=np.full(batch_size, ALL_ACTIONS),
             return_t=-rng.random(batch_size, np.float32),
             least_return_t=-rng.random(batch_size, np.float32),
             log_probability_tm1=-1 - rng.random(batch_size, np.float32),

@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from common.policy.actor_critic import build_actor_critic
 from common.policy.networks import build_network
 from common.policy.recurrent import build_recurrent_network
+from common.rail.interlocking.signals import ALL_ACTIONS
 from common.rail.normalise import N_FEATURES
 from common.rail.world import N_ACTIONS
 from common.records.acting import Circumstances, Fragment, Lease
@@ -95,12 +96,14 @@ def episode(number: int, rows: NDArray[np.float32], decisions: int) -> Fragment:
             times=times,
             trains=np.arange(decisions, dtype=np.int32) % TRAINS,
             actions=rng.integers(N_ACTIONS, size=decisions).astype(np.int8),
+            allowed=np.full(decisions, ALL_ACTIONS, np.uint8),
             log_probabilities=np.full(decisions, -np.log(N_ACTIONS), np.float32),
             values=-rng.random(decisions, np.float32),
         ),
         rewards=np.full((steps, TRAINS), -1, np.float32),
         arrived_at=np.full(TRAINS, -1, np.int32),
         final_observations=rows[rng.integers(len(rows), size=TRAINS)],
+        final_allowed=np.full(TRAINS, ALL_ACTIONS, np.uint8),
         states=np.zeros((TRAINS, 0), np.float32),
     )
     lease = Lease(

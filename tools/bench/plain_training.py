@@ -19,6 +19,7 @@ from common.policy.networks import build_network
 from common.rail.decisions import decision_cells
 from common.rail.flatland_env import LegacyActions
 from common.rail.flatland_world import decides
+from common.rail.interlocking.signals import ALL_ACTIONS
 from common.rail.world import MOVE_FORWARD, N_ACTIONS
 from common.rules.values import ValueSettings
 from services.learner.textbook.plain_dqn import PlainDqn
@@ -168,6 +169,7 @@ class PlainTraining:
                 np.array(actions, np.int64),
                 np.array(rewards, np.float32),
                 np.array(discounts, np.float32),
+                np.full(size, ALL_ACTIONS),
                 np.stack(after),
                 np.ones(size, np.float32),
             )

@@ -4,13 +4,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import bare_kernel, kernel
+from common.rail.asking import unasked
 from common.rail.compiled.arrays import DONE, NOTHING, WAYS, Batch
 from common.rail.compiled.decisions import decides
 from common.rail.compiled.malfunctions import begin
 from common.rail.compiled.paths import lay_rails, measure, number_cells
 from common.rail.compiled.step import start, step
 from common.rail.rewards.table import pay
-from common.rail.world import MOVE_FORWARD
 
 LOADED, OFF_GRID, NO_ROOM, ASTRAY, TOO_FAR = range(5)
 
@@ -162,9 +162,10 @@ def step_all(
     mode: int,
     legacy: bool,
     weights: NDArray[np.float64],
+    interlocking: int,
     obey: bool,
 ) -> None:
-    """One step of every slot that is not over; trains that need not decide move forward unless all `obey`.
+    """One step of every slot that is not over; trains that need not decide do as `unasked` says unless all `obey`.
 
     `weights` are those of `common.rail.rewards.table`.
     """
@@ -175,7 +176,7 @@ def step_all(
         trains = batch.trains[slot]
         for at in range(batch.worlds[slot]["trains"]):
             own = obey or deciding[slot, at]
-            trains[at]["action"] = actions[slot, at] if own else MOVE_FORWARD
+            trains[at]["action"] = actions[slot, at] if own else unasked(trains[at]["config"], interlocking)
         step(batch, slot, legacy)
         pay(batch, slot, rewards[slot], weights)
         survey(batch, slot, mode, deciding, arrived, over)

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from common.levels.distributions import Bounds, Rules
 from common.levels.level import Level, Malfunctions
+from common.rail.asking import Asking, allowed_each, asking_of
 from common.rail.compiled.arrays import DONE, MOST_CELLS, Batch, empty_batch, enlarged
 from common.rail.compiled.batches import ASTRAY, NO_ROOM, OFF_GRID, TOO_FAR, break_from_now_on, load, step_all
 from common.rail.compiled.decisions import DECISIONS, Decisions
 from common.rail.compiled.looking import look_at_all
 from common.rail.compiled.malfunctions import WHOLE, MalfunctionGenerators, seeded
 from common.rail.compiled.tree import LEGACY, N_NODE_FEATURES, STOCK, Sight, nodes_of, sight_of
+from common.rail.interlocking.signals import INTERLOCKINGS, Interlocking, Signals, signals_for
 from common.rail.observations.table import AnyObservation, header_of, look
 from common.rail.observations.tree import TreeObservation
 from common.rail.orders import Orders, orders_of
@@ -41,6 +43,8 @@ class Parts(NamedTuple):
         decisions: what `step_all` is told of where trains decide,
         legacy: of the rules,
         reward: and of rewards.
+        interlocking: its mode, see `common.rail.interlocking.signals`.
+        signals: room for it.
     """
 
     batch: Batch
@@ -52,6 +56,8 @@ class Parts(NamedTuple):
     decisions: int
     legacy: bool
     reward: NDArray[np.float64]
+    interlocking: int
+    signals: Signals
 
 
 class CompiledWorld:
@@ -64,6 +70,7 @@ class CompiledWorld:
         observation: what trains see.
         decisions: see `common.rail.compiled.decisions`.
         reward: what trains are paid.
+        interlocking: which actions trains are granted, see `common.rail.interlocking.signals`.
         bounds: of the largest level; None: unknown, which does for observations that do not depend on it.
 
     Attributes:
@@ -82,6 +89,7 @@ class CompiledWorld:
         observation: AnyObservation = STUDY_TREE,
         decisions: Decisions = "cells",
         reward: AnyReward = STUDY_REWARD,
+        interlocking: Interlocking = "off",
         bounds: Bounds | None = None,
     ) -> None:
         self.slots = slots
@@ -93,7 +101,9 @@ class CompiledWorld:
         self._observation = header_of(observation, rules, bounds)
         self._decisions = DECISIONS[decisions]
         self._reward = weights_of(reward)
+        self._interlocking = INTERLOCKINGS[interlocking]
         self._sight = sight_of(self.batch, PREDICTED_STEPS)
+        self._signals = signals_for(self.batch)
         self._deciding = np.zeros((slots, max_trains), np.bool_)
         self._arrived = np.zeros((slots, max_trains), np.bool_)
         self._over = np.ones(slots, np.bool_)
@@ -172,6 +182,8 @@ class CompiledWorld:
             self._decisions,
             self._legacy,
             self._reward,
+            self._interlocking,
+            self._signals,
         )
 
     def deciding(self) -> NDArray[np.bool_]:
@@ -209,6 +221,16 @@ class CompiledWorld:
         alone: NDArray[np.float32] = self._look(asking)[0]
         return alone
 
+    def ask(self, slot: int) -> Asking:
+        """As `World.ask`."""
+        return asking_of(self.batch, slot, self._interlocking, self._signals, self._deciding[slot])
+
+    def allowed(self, slot: int) -> NDArray[np.uint8]:
+        """As `World.allowed`."""
+        bits = np.empty(self.max_trains, np.uint8)
+        allowed_each(self.batch, slot, self._interlocking, self._signals, bits)
+        return bits
+
     def step(self, actions: NDArray[np.int8]) -> NDArray[np.float32]:
         """As `World.step`."""
         return self._step(actions, obey=False)
@@ -245,6 +267,7 @@ class CompiledWorld:
             self._decisions,
             self._legacy,
             self._reward,
+            self._interlocking,
             obey,
         )
         self._seen = None
@@ -268,3 +291,4 @@ class CompiledWorld:
         if cells > self.batch.cells.shape[1] or (breaks and self.batch.known.shape[1] == 1):
             self.batch = enlarged(self.batch, cells, breaks=breaks)
             self._sight = sight_of(self.batch, PREDICTED_STEPS)
+            self._signals = signals_for(self.batch)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from common.levels.level import Level
 from common.rail.compiled.arrays import NOTHING
 from common.rail.compiled.world import CompiledWorld, Parts
+from common.rail.interlocking.signals import ALL_ACTIONS
 from common.rail.world import DO_NOTHING
 from common.records.course import NONE, Course, Decisions
 from common.seeding import evaluation_malfunction_seed
@@ -73,6 +74,7 @@ def course(  # noqa: PLR0913  (what happened)
         times=times.astype(np.int32),
         trains=trains.astype(np.int32),
         actions=told[times, trains],
+        allowed=np.full(len(times), ALL_ACTIONS, np.uint8),
         log_probabilities=nothing,
         values=nothing,
     )
@@ -85,6 +87,7 @@ def course(  # noqa: PLR0913  (what happened)
         rewards=rewards,
         arrived_at=arrived_at.astype(np.int32),
         final_observations=np.zeros((level.n_trains, 0), np.float32),
+        final_allowed=np.full(level.n_trains, ALL_ACTIONS, np.uint8),
         states=np.zeros((level.n_trains, 0), np.float32),
         score=score,
     )

@@ -33,11 +33,14 @@ def action_values(sums: _Floats, dueling: bool, q: _Floats) -> None:
 
 
 @bare_kernel
-def best(q: _Floats) -> int:
-    """The index of the largest of q [A], the lowest of equals; what is not a number counts as the largest."""
-    action = 0
-    for other in range(1, len(q)):
-        if not (q[other] <= q[action]):
+def best(q: _Floats, allowed: int) -> int:
+    """The allowed action with the largest of q [A], the lowest of equals; what is not a number counts as the largest.
+
+    One is allowed at least; a bit says so for each.
+    """
+    action = -1
+    for other in range(len(q)):
+        if allowed >> other & 1 and (action < 0 or not (q[other] <= q[action])):
             action = other
     return action
 
@@ -64,24 +67,27 @@ def follow(target: _Floats, online: _Floats, share: np.float32) -> None:
 
 
 @bare_kernel
-def pick(sums: _Floats, dueling: bool, q: _Floats, picked: _Ints) -> None:
-    """Fill `picked` [B] with the best actions by a head's outputs [B, W], flat; `q` [A] is overwritten."""
+def pick(sums: _Floats, dueling: bool, q: _Floats, allowed_t: _Ints, picked: _Ints) -> None:
+    """Fill `picked` [B] with the best allowed actions by a head's outputs [B, W], flat; `q` [A] is overwritten."""
     width = len(sums) // len(picked)
     for row in range(len(picked)):
         action_values(sums[row * width : (row + 1) * width], dueling, q)
-        picked[row] = best(q)
+        picked[row] = best(q, allowed_t[row])
 
 
 @bare_kernel
 def score(
     sums: _Floats, dueling: bool, q: _Floats, double: bool, picked: _Ints, reward_t: _Floats, discount_t: _Floats,
-    targets: _Floats,
+    allowed_t: _Ints, targets: _Floats,
 ) -> None:  # fmt: skip
-    """Fill `targets` [B] from a head's outputs [B, W], flat: of the actions `picked` if `double`, else of the best."""
+    """Fill `targets` [B] from a head's outputs [B, W], flat: of the actions `picked` if `double`, else of the best.
+
+    The best are the best of those allowed [B].
+    """
     width = len(sums) // len(targets)
     for row in range(len(targets)):
         action_values(sums[row * width : (row + 1) * width], dueling, q)
-        action = picked[row] if double else best(q)
+        action = picked[row] if double else best(q, allowed_t[row])
         targets[row] = reward_t[row] + discount_t[row] * q[action]
 
 
@@ -141,6 +147,7 @@ def update(
     action_tm1: _Ints,
     reward_t: _Floats,
     discount_t: _Floats,
+    allowed_t: _Ints,
     weights: _Floats,
     learning_rate: float,
     tau: np.float32,
@@ -166,6 +173,7 @@ def update(
         action_tm1: [B], at least one.
         reward_t: [B].
         discount_t: [B].
+        allowed_t: [B], the actions that targets may be of, a bit each.
         weights: [B], of the squared errors.
         learning_rate: of Adam.
         tau: the share that the target network takes of the online one.
@@ -182,9 +190,9 @@ def update(
     q, picked, targets = np.empty(n_actions, np.float32), np.empty(rows, np.int64), np.empty(rows, np.float32)
     if double:
         outputs(widths, online, t, rows, False, room)
-        pick(sums, dueling, q, picked)
+        pick(sums, dueling, q, allowed_t, picked)
     outputs(widths, arrays[TARGET] if len(arrays) > TARGET else online, t, rows, False, room)
-    score(sums, dueling, q, double, picked, reward_t, discount_t, targets)
+    score(sums, dueling, q, double, picked, reward_t, discount_t, allowed_t, targets)
     mark(starts_tm1, columns_tm1, seen)
     outputs(widths, online, tm1, rows, False, room)
     if not err(sums, dueling, q, action_tm1, targets, weights, by_sums, error_sizes, metrics):

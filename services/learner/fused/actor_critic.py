@@ -80,6 +80,7 @@ def ppo(
     values: _Floats,
     n_actions: int,
     action_tm1: _Ints,
+    allowed_tm1: _Ints,
     return_t: _Floats,
     log_probability_tm1: _Floats,
     value_tm1: _Floats,
@@ -102,6 +103,7 @@ def ppo(
         values: of the same.
         n_actions: A.
         action_tm1: [B], at least one.
+        allowed_tm1: [B].
         return_t: [B].
         log_probability_tm1: [B].
         value_tm1: [B].
@@ -125,8 +127,8 @@ def ppo(
     for epoch in range(len(metrics)):
         look(widths, arrays, x, rows, rooms)
         loss = ppo_loss(
-            logits, worths, by_logits, by_worths, n_actions, action_tm1, return_t, log_probability_tm1, value_tm1,
-            clip, value_weight, entropy_weight, metrics[epoch],
+            logits, worths, by_logits, by_worths, n_actions, action_tm1, allowed_tm1, return_t, log_probability_tm1,
+            value_tm1, clip, value_weight, entropy_weight, metrics[epoch],
         )  # fmt: skip
         metrics[epoch, LOSS] = loss
         if not math.isfinite(loss):
@@ -145,6 +147,7 @@ def imitate(
     values: _Floats,
     n_actions: int,
     action_tm1: _Ints,
+    allowed_tm1: _Ints,
     least_return_t: _Floats,
     value_weight: float,
     limit: float,
@@ -165,7 +168,7 @@ def imitate(
     actor, critic = head(widths[0], rows), head(widths[1], rows)
     loss = imitation_loss(
         rooms[0].outs[actor:], rooms[1].outs[critic:], rooms[0].gradients[actor:], rooms[1].gradients[critic:],
-        n_actions, action_tm1, least_return_t, value_weight, gains, metrics,
+        n_actions, action_tm1, allowed_tm1, least_return_t, value_weight, gains, metrics,
     )  # fmt: skip
     metrics[LOSS] = loss
     if not math.isfinite(loss):

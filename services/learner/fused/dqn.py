@@ -50,6 +50,7 @@ class FusedDqn(Training):
             batch.action_tm1,
             batch.reward_t,
             batch.discount_t,
+            batch.allowed_t,
             batch.weights,
             self._config.learning_rate,
             np.float32(self._config.target_tau or 0),

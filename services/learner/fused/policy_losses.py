@@ -2,7 +2,8 @@
 """The losses of `algorithms.ppo` and `algorithms.sil`, and their gradients by logits and values, row after row.
 
 In float64, with functions of our own (`common.policy.arithmetic`). Logits and their gradients are [B, W] of a padded
-head, flat; values [B, 16], the first column. What fills a head up has no gradient.
+head, flat; values [B, 16], the first column. What fills a head up has no gradient, and what was
+not allowed neither: its probability is zero.
 """
 
 import math
@@ -22,20 +23,23 @@ SIL_POLICY_LOSS, SIL_VALUE_LOSS, SIL_GAIN, SIL_POSITIVE_SHARE = range(4)
 
 
 @bare_kernel
-def softmax(logits: _Floats, n_actions: int, probabilities: _Floats) -> float:
-    """Fill probabilities [W] from logits [W]; what is behind the actions gets zeros.
+def softmax(logits: _Floats, n_actions: int, allowed: int, probabilities: _Floats) -> float:
+    """Fill probabilities [W] from logits [W]; what is behind the actions, or not allowed, gets zeros.
 
     Returns:
         The logarithm of the sum of all exponentials.
     """
-    top = np.float64(logits[0])
-    for action in range(1, n_actions):
-        top = max(top, np.float64(logits[action]))
+    top: Real = -np.inf
+    for action in range(n_actions):
+        if allowed >> action & 1:
+            top = max(top, np.float64(logits[action]))
     total: Real = 0.0
     for action in range(n_actions):
-        power = exp(np.float64(logits[action]) - top)
-        probabilities[action] = power
-        total += power
+        probabilities[action] = 0
+        if allowed >> action & 1:
+            power = exp(np.float64(logits[action]) - top)
+            probabilities[action] = power
+            total += power
     for action in range(n_actions):
         probabilities[action] = np.float64(probabilities[action]) / total
     for action in range(n_actions, len(probabilities)):
@@ -66,6 +70,7 @@ def ppo_loss(
     by_values: _Floats,
     n_actions: int,
     action_tm1: NDArray[np.int64],
+    allowed_tm1: NDArray[np.int64],
     return_t: _Floats,
     log_probability_tm1: _Floats,
     value_tm1: _Floats,
@@ -83,6 +88,7 @@ def ppo_loss(
         by_values: the same for `values`.
         n_actions: A.
         action_tm1: [B].
+        allowed_tm1: [B], the actions that there were to choose from, a bit each.
         return_t: [B].
         log_probability_tm1: [B], of the action when it was chosen.
         value_tm1: [B], when the action was chosen.
@@ -103,7 +109,7 @@ def ppo_loss(
     for row in range(count):
         z, by_z = logits[row * width : (row + 1) * width], by_logits[row * width : (row + 1) * width]
         by_value = by_values[row * WIDTH : (row + 1) * WIDTH]
-        log_total = softmax(z, n_actions, by_z)
+        log_total = softmax(z, n_actions, allowed_tm1[row], by_z)
         entropy: Real = 0.0
         for action in range(n_actions):
             entropy -= np.float64(by_z[action]) * (np.float64(z[action]) - log_total)
@@ -146,6 +152,7 @@ def imitation_loss(
     by_values: _Floats,
     n_actions: int,
     action_tm1: NDArray[np.int64],
+    allowed_tm1: NDArray[np.int64],
     least_return_t: _Floats,
     value_weight: float,
     gains: _Floats,
@@ -160,6 +167,7 @@ def imitation_loss(
         by_values: overwritten.
         n_actions: A.
         action_tm1: [B].
+        allowed_tm1: [B], the actions that there were to choose from, a bit each.
         least_return_t: [B].
         value_weight: of the critic's loss.
         gains: [B], overwritten with the positive parts of return less value.
@@ -176,7 +184,7 @@ def imitation_loss(
         by_value = by_values[row * WIDTH : (row + 1) * WIDTH]
         difference: Any = np.float64(least_return_t[row]) - np.float64(values[row * WIDTH])
         gain: Any = max(difference, 0.0)  # what is not a number shall show
-        log_total = softmax(z, n_actions, by_z)
+        log_total = softmax(z, n_actions, allowed_tm1[row], by_z)
         policy_loss -= (np.float64(z[action_tm1[row]]) - log_total) * gain
         for action in range(n_actions):
             by_z[action] = share * gain * (np.float64(by_z[action]) - (action == action_tm1[row]))

@@ -47,6 +47,7 @@ def update(
     action_tm1: _Ints,
     reward_t: _Floats,
     discount_t: _Floats,
+    allowed_t: _Ints,
     weights: _Floats,
     learning_rate: float,
     tau: np.float32,
@@ -70,10 +71,10 @@ def update(
     q, picked, targets = np.empty(n_actions, np.float32), np.empty(rows, np.int64), np.empty(rows, np.float32)
     if double:
         look(widths, n_first, units, online, t, line_t, memory, room)
-        pick(sums, True, q, picked)
+        pick(sums, True, q, allowed_t, picked)
     scoring = arrays[TARGET] if len(arrays) > TARGET else online
     look(widths, n_first, units, scoring, t, line_t, memory, room)
-    score(sums, True, q, double, picked, reward_t, discount_t, targets)
+    score(sums, True, q, double, picked, reward_t, discount_t, allowed_t, targets)
     mark(starts_tm1, columns_tm1, seen)
     look(widths, n_first, units, online, tm1, line_tm1, memory, room)
     if not err(sums, True, q, action_tm1, targets, weights, by_sums, error_sizes, metrics):

@@ -21,7 +21,7 @@ from services.learner.sparse import SparseRows
 BACK = "back"  # the column that `histories` follows
 ROWS = "rows"  # of a state
 PRIORITIES = ("priorities", "priority_maximum")
-NUMBERS = (np.int8, np.int16, np.int32, np.float32)  # what a column may be
+NUMBERS = (np.uint8, np.int8, np.int16, np.int32, np.float32)  # what a column may be
 
 
 class Items(NamedTuple):
@@ -71,7 +71,7 @@ class Replay:
         self._dtypes = {name: np.dtype(dtype) for name, dtype in columns.items()}
         if wrong := {name: str(dtype) for name, dtype in self._dtypes.items() if dtype not in NUMBERS}:
             raise ValueError(f"columns are of {', '.join(dtype.__name__ for dtype in NUMBERS)}, not {wrong}")
-        self._integers = tuple(name for name, dtype in self._dtypes.items() if dtype.kind == "i")
+        self._integers = tuple(name for name, dtype in self._dtypes.items() if dtype.kind in "iu")
         self._floats = tuple(name for name, dtype in self._dtypes.items() if dtype.kind == "f")
         # An item's numbers lie side by side. Not zeros: the kernel gives pages to this memory only as the ring fills.
         numbers = np.empty((config.capacity, len(columns)), np.uint32)

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from common.kernel import bare_kernel
+from common.rail.interlocking.signals import ALL_ACTIONS
 from common.records.acting import Fragment
 from common.records.course import Course, Decisions
 from services.learner.replay.replay import Items
@@ -31,10 +32,11 @@ ROWS = ("observation_tm1", "observation_t")
 COLUMNS: Mapping[str, DTypeLike] = {
     "action_tm1": Decisions.arrays()["actions"].dtype,
     "back": np.int32,
+    "allowed_t": Decisions.arrays()["allowed"].dtype,
     "reward_t": np.float32,
     "discount_t": np.float32,
 }
-ACTION, BACK, REWARD, DISCOUNT = range(4)  # where these lie among an item's numbers: integers come first
+ACTION, BACK, ALLOWED, REWARD, DISCOUNT = range(5)  # where these lie among an item's numbers: integers come first
 DECIDED, LAST = range(2)  # of what is pending, see `find_transitions`
 REWARDED, DISCOUNTED = range(2)
 Number = TypeVar("Number", bound=np.generic)
@@ -66,6 +68,7 @@ class Transitions:
         reward_t [M], sum over the span of gamma^k times the k-th reward after the decision;
         discount_t [M], gamma^span, or 0 where the train arrived;
         observation_t [M, F], at the next decision, or the last before truncation; zeros where the train arrived;
+        allowed_t [M], what is allowed at the next decision, or at truncation, a bit an action; all after an arrival;
         back [M], how many transitions earlier the train's previous one of this episode is; 0 for its first.
         """
         integers, floats = self.items.numbers.view(np.int32), self.items.numbers.view(np.float32)
@@ -76,6 +79,7 @@ class Transitions:
             "reward_t": floats[:, REWARD],
             "discount_t": floats[:, DISCOUNT],
             "observation_t": rows[:, 1],
+            "allowed_t": integers[:, ALLOWED].astype(COLUMNS["allowed_t"]),
             "back": integers[:, BACK],
         }
 
@@ -119,10 +123,12 @@ class TransitionMaker:
             plain(decisions.times),
             plain(decisions.trains),
             plain(decisions.actions),
+            plain(decisions.allowed),
             bits(decisions.observations),
             plain(course.rewards),
             plain(course.arrived_at),
             bits(course.final_observations),
+            plain(course.final_allowed),
             course.first_step,
             course.over,
             self._discount,
@@ -183,11 +189,16 @@ def copy(row: NDArray[np.uint32], out: NDArray[np.uint32]) -> None:
 @bare_kernel
 def note(
     number: int,
+    allowed: int,
     pending: NDArray[np.int64],
     sums: NDArray[np.float64],
     out: NDArray[np.uint32],
 ) -> None:
-    """Write the numbers of the transition that ends what is pending, the `number`th of its episode."""
+    """Write the numbers of the transition that ends what is pending, the `number`th of its episode.
+
+    `allowed` are the actions that may follow.
+    """
+    out[ALLOWED] = allowed
     out[ACTION], out[BACK] = pending[DECIDED], 0 if pending[LAST] == NONE else number - pending[LAST]
     out[REWARD] = np.float32(sums[REWARDED]).view(np.uint32)
     out[DISCOUNT] = np.float32(sums[DISCOUNTED]).view(np.uint32)
@@ -199,10 +210,12 @@ def find_transitions(  # noqa: PLR0913  (compiled code takes arrays, not objects
     times: NDArray[np.int32],
     trains: NDArray[np.int32],
     actions: NDArray[np.int8],
+    allowed: NDArray[np.uint8],
     observations: NDArray[np.uint32],
     rewards: NDArray[np.float32],
     arrived_at: NDArray[np.int32],
     final_observations: NDArray[np.uint32],
+    final_allowed: NDArray[np.uint8],
     first_step: int,
     over: bool,
     discount: float,
@@ -220,10 +233,12 @@ def find_transitions(  # noqa: PLR0913  (compiled code takes arrays, not objects
         times: [D].
         trains: [D].
         actions: [D].
+        allowed: [D].
         observations: [D, F], their bits.
         rewards: [T, N].
         arrived_at: [N].
         final_observations: [N, F], their bits.
+        final_allowed: [N].
         first_step: steps before the fragment.
         over: the episode ends with it.
         discount: gamma.
@@ -232,7 +247,7 @@ def find_transitions(  # noqa: PLR0913  (compiled code takes arrays, not objects
             the number of the train's last transition, NONE for none; overwritten.
         sums: [N, 2], their discounted rewards so far, and gamma to the power of their steps so far; overwritten.
         kept: [N, F], what was seen at them; overwritten.
-        numbers: [D + N, 4], overwritten with those of the transitions, in their order.
+        numbers: [D + N, 5], overwritten with those of the transitions, in their order.
         rows: [D + N, 2, F], overwritten with what was seen before and after them.
         completed_at: [D + N], overwritten.
 
@@ -247,7 +262,7 @@ def find_transitions(  # noqa: PLR0913  (compiled code takes arrays, not objects
             if decision < len(times) and times[decision] == step and trains[decision] == train:
                 seen = observations[decision]
                 if pending[train, DECIDED] != NONE:
-                    note(made + count, pending[train], sums[train], numbers[count])
+                    note(made + count, allowed[decision], pending[train], sums[train], numbers[count])
                     copy(kept[train], rows[count, 0])
                     copy(seen, rows[count, 1])
                     completed_at[count] = step + 1
@@ -268,7 +283,8 @@ def find_transitions(  # noqa: PLR0913  (compiled code takes arrays, not objects
                     following[:] = 0
                 else:
                     copy(final_observations[train], following)
-                note(made + count, pending[train], sums[train], numbers[count])
+                last = ALL_ACTIONS if arrives else int(final_allowed[train])
+                note(made + count, last, pending[train], sums[train], numbers[count])
                 copy(kept[train], rows[count, 0])
                 completed_at[count] = step + 1
                 count += 1

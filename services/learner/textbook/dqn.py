@@ -12,6 +12,7 @@ from common.policy.networks import export_tensors, import_tensors
 from common.rules.values import DqnConfig
 from services.learner.sparse import SparseRows, sparse_rows
 from services.learner.textbook.adam import Adam
+from services.learner.textbook.allowing import allowed_only
 from services.learner.textbook.modules import ModuleValues
 from services.learner.textbook.shapes import check_shapes
 from services.learner.training import Batch, Update
@@ -85,6 +86,7 @@ class TensorBatch(NamedTuple):
     action_tm1: Tensor  # [B] int64
     reward_t: Tensor  # [B]
     discount_t: Tensor  # [B]
+    allowed_t: Tensor  # [B] int64
     weights: Tensor  # [B]
 
     @classmethod
@@ -138,10 +140,11 @@ class Dqn:
 
     def targets(self, batch: TensorBatch, _tm1: SparseRows, t: SparseRows) -> Tensor:
         """What the values of the actions taken should have been [B]; `_tm1` and `t` are the batch's observations."""
-        q_target_t = self.target.forward(t)
+        q_target_t = allowed_only(self.target.forward(t), batch.allowed_t)
         if not self._config.double:
             return q_target(batch.reward_t, batch.discount_t, q_target_t)
-        return double_q_target(batch.reward_t, batch.discount_t, self.online.forward(t), q_target_t)
+        q_t = allowed_only(self.online.forward(t), batch.allowed_t)
+        return double_q_target(batch.reward_t, batch.discount_t, q_t, q_target_t)
 
     def weights(self) -> dict[str, NDArray[np.float32]]:
         """A copy of the network's parameters."""

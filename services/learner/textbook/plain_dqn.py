@@ -11,6 +11,7 @@ from common.policy.networks import export_parameters
 from common.policy.recurrent import RecurrentQNetwork
 from common.rules.values import DqnConfig
 from services.learner.sparse import Observations, dense_rows
+from services.learner.textbook.allowing import allowed_only
 from services.learner.textbook.dqn import TensorBatch
 from services.learner.training import Batch
 
@@ -28,7 +29,7 @@ class PlainDqn:
         """One step of Adam, and one of the target network; returns the loss."""
         own = TensorBatch.of(batch)
         with torch.no_grad():
-            q_t = action_values(self._target, batch.observation_t)
+            q_t = allowed_only(action_values(self._target, batch.observation_t), own.allowed_t)
             target = own.reward_t + own.discount_t * q_t.max(dim=1).values
         q_tm1 = action_values(self._network, batch.observation_tm1)
         taken = q_tm1.gather(1, own.action_tm1.unsqueeze(1)).squeeze(1)

@@ -11,6 +11,7 @@ from common.rules.policies import PpoConfig
 from common.rules.sil import SilConfig
 from services.learner.experience import Experience
 from services.learner.sparse import dense_rows
+from services.learner.textbook.allowing import allowed_only
 from services.learner.textbook.ppo import (
     clipped_surrogate,
     clipped_value_loss,
@@ -30,7 +31,7 @@ class PlainPolicy:
 
     def update(self, batch: Experience) -> float:
         """One step of `ppo`; returns the loss."""
-        logits, value = self._network(torch.from_numpy(dense_rows(batch.observation_tm1)))
+        logits, value = self._outputs(batch)
         return_t, before = torch.tensor(batch.return_t), torch.tensor(batch.log_probability_tm1)
         error = (return_t - value).detach()
         ratio = (log_probability(logits, torch.tensor(batch.action_tm1)) - before).exp()
@@ -41,11 +42,15 @@ class PlainPolicy:
 
     def imitate(self, batch: Experience, sil: SilConfig) -> float:
         """One step of `sil`; returns the loss."""
-        logits, value = self._network(torch.from_numpy(dense_rows(batch.observation_tm1)))
+        logits, value = self._outputs(batch)
         return_t = torch.tensor(batch.least_return_t)
         gain = (return_t - value).detach().clamp(min=0)
         policy_loss = imitation_policy_loss(log_probability(logits, torch.tensor(batch.action_tm1)), gain).mean()
         return self._descend(policy_loss + sil.value_weight * imitation_value_loss(value, return_t).mean())
+
+    def _outputs(self, batch: Experience) -> tuple[Tensor, Tensor]:
+        logits, value = self._network(torch.from_numpy(dense_rows(batch.observation_tm1)))
+        return allowed_only(logits, torch.tensor(batch.allowed_tm1)), value
 
     def _descend(self, loss: Tensor) -> float:
         self._optimizer.zero_grad()

@@ -17,6 +17,7 @@ from services.learner.experience import Experience
 from services.learner.fused.policy import PPO_NUMBERS, Imitation
 from services.learner.sparse import SparseRows
 from services.learner.textbook.adam import Adam
+from services.learner.textbook.allowing import allowed_only
 from services.learner.textbook.modules import ModulePolicy
 from services.learner.textbook.ppo import (
     clipped_surrogate,
@@ -72,7 +73,7 @@ class PolicyNetwork:
 
     def _ppo(self, config: PpoConfig, x: SparseRows, batch: Experience) -> tuple[float, ...]:
         action, return_t = torch.tensor(batch.action_tm1), torch.tensor(batch.return_t)
-        logits, value = self.outputs(x)
+        logits, value = self._outputs_of(x, batch)
         error = (return_t - value).detach()
         log_ratio = log_probability(logits, action) - torch.tensor(batch.log_probability_tm1)
         ratio = log_ratio.exp()
@@ -94,7 +95,7 @@ class PolicyNetwork:
     def imitate(self, value_weight: float, x: SparseRows, batch: Experience) -> Imitation:
         """See `services.learner.policy_training.Policy`."""
         return_t = torch.tensor(batch.least_return_t)
-        logits, value = self.outputs(x)
+        logits, value = self._outputs_of(x, batch)
         gain = (return_t - value).detach().clamp(min=0)
         policy_loss = imitation_policy_loss(log_probability(logits, torch.tensor(batch.action_tm1)), gain).mean()
         value_loss = imitation_value_loss(value, return_t).mean()
@@ -108,6 +109,11 @@ class PolicyNetwork:
             loss.item(),
         )
         return np.array(numbers), gain.numpy()
+
+    def _outputs_of(self, x: SparseRows, batch: Experience) -> tuple[Tensor, Tensor]:
+        """As `outputs`, the logits of the actions that were allowed."""
+        logits, value = self.outputs(x)
+        return allowed_only(logits, torch.tensor(batch.allowed_tm1)), value
 
     def descend(self, loss: Tensor) -> float:
         """A step of Adam on a loss of the last `outputs`, unless it is not finite; actor and critic are clipped each.

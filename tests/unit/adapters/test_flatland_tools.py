@@ -162,6 +162,11 @@ def silence(tensors, metadata):
     metadata["science"] = "{}"
 
 
+def test_a_policy_that_acts_behind_an_interlocking_is_refused(policy_of):
+    with pytest.raises(click.ClickException, match=r"weights.safetensors acts behind an interlocking \(safe\)"):
+        policy_of(world={"mix": {"easy": 1}, "interlocking": "safe"})
+
+
 def empty(tensors, metadata):
     tensors.clear()
 

@@ -63,7 +63,7 @@ def play_as(env, seen, infos, stage):
     """Play the environment's episode in both; compare all there is."""
     malfunction_seed = training_malfunction_seed(7, 0)
     stage.begin(env.level, malfunction_seed, np.zeros(0, np.int8), 0)
-    recording = stage.advance(lambda *seen: Decision(choose(*seen)), np.zeros((env.level.n_trains, 0), np.float32))
+    recording = stage.advance(lambda *seen: Decision(choose(*seen[:3])), np.zeros((env.level.n_trains, 0), np.float32))
     rewards, arrived_at, decisions = [], np.full(env.level.n_trains, -1), []
     for step in count():
         actions = {}

@@ -232,6 +232,7 @@ def test_in_files_all_keys_stand_side_by_side():
         "levels": {"easy": shipped()["easy"].model_dump(mode="json")},
         "observation": TreeObservation().model_dump(),
         "decisions": "cells",
+        "interlocking": "off",
         "reward": {"kind": "study"},
         "network": {"kind": "plain", "hidden": [16, 16]},
         "discount": 0.99,

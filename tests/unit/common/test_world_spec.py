@@ -49,7 +49,11 @@ def test_sections_of_the_default_kind_need_not_say_so():
     assert world(observation={"depth": 1}).observation == section_of(AnyObservation, "tree")(depth=1)
     assert world(observation={"kind": "global"}).observation == section_of(AnyObservation, "global")()
     assert world(reward={"kind": "delay"}).reward == section_of(AnyReward, "delay")()
-    assert (world().decisions, world().reward.kind) == ("cells", "study")
+    assert (world().decisions, world().reward.kind, world().interlocking) == ("cells", "study", "off")
+
+
+def test_an_interlocking_that_is_off_may_be_yaml_s_false():
+    assert world(interlocking=False) == world(interlocking="off")
 
 
 def test_levels_are_known_by_what_they_hold_whatever_they_are_called():
@@ -240,7 +244,12 @@ def test_wrong_names_of_levels_are_named(levels, text):
         ({"reward": 1}, "reward: input should be a valid dictionary, not 1"),
         ({"decisions": "always!"}, "decisions: input should be 'cells', 'legacy' or 'always', not 'always!'"),
         ({"decisions": None}, "decisions: input should be 'cells', 'legacy' or 'always', not None"),
-        ({"decisionss": "cells"}, "unknown key decisionss: did you mean decisions? known are decisions, levels, "),
+        ({"interlocking": "sure"}, "interlocking: input should be 'off', 'valid', 'safe' or 'planned', not 'sure'"),
+        ({"interlocking": True}, "interlocking: input should be 'off', 'valid', 'safe' or 'planned', not True"),
+        (
+            {"decisionss": "cells"},
+            "unknown key decisionss: did you mean decisions? known are decisions, ",
+        ),
     ],
 )
 def test_what_else_is_wrong_is_named(changes, text):

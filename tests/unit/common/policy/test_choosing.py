@@ -14,45 +14,67 @@ LOGITS = np.array([0.5, -1.0, 2.0, 0.0], np.float32)
 
 @pytest.mark.parametrize(("values", "action"), [((1, 2, 3), 2), ((3, 3, 1), 0), ((1, 3, 3), 1), ((0, 0, 0), 0)])
 def test_the_best_is_the_lowest_of_equals(values, action):
-    assert choosing.best(np.array(values, np.float32)) == action
-    assert choosing.best.py_func(np.array(values, np.float32)) == action
+    assert choosing.best(np.array(values, np.float32), 15) == action
+    assert choosing.best.py_func(np.array(values, np.float32), 15) == action
 
 
+@pytest.mark.parametrize(("allowed", "action"), [(0b0111, 0), (0b0110, 1), (0b0100, 2), (0b1000, 3)])
+def test_the_best_is_among_those_allowed(allowed, action):
+    assert choosing.best(np.array([5, 4, 4, 9], np.float32), allowed) == action
+
+
+@pytest.mark.parametrize("allowed", [0b1111, 0b1010, 0b0100])
 @pytest.mark.parametrize("epsilon", [0.0, 0.3, 1.0])
-def test_epsilon_greedy_is_that_of_acting(epsilon):
+def test_epsilon_greedy_is_that_of_acting(epsilon, allowed):
     values = np.array([1, 5, 5, 2], np.float32)
     policy = EpsilonGreedy(1, 4)
     policy.values = lambda _network, _observation: values
     for counter in range(0, 400, 2):
-        expected = policy.act(None, np.zeros(1, np.float32), epsilon, KEY, counter)
-        assert choosing.epsilon_greedy(values, epsilon, np.uint64(KEY), np.uint64(counter)) == expected
+        expected = policy.act(None, np.zeros(1, np.float32), epsilon, KEY, counter, allowed)
+        assert choosing.epsilon_greedy(values, allowed, epsilon, np.uint64(KEY), np.uint64(counter)) == expected
 
 
-def test_samples_follow_softmax():
-    n = 20_000
-    actions = [choosing.softmax_sample(LOGITS, np.uint64(KEY), np.uint64(2 * i)) for i in range(n)]
+def test_random_actions_are_any_of_those_allowed_with_the_same_chance():
+    values, n = np.zeros(4, np.float32), 3000
+    actions = [choosing.epsilon_greedy(values, 0b1101, 1.0, np.uint64(KEY), np.uint64(2 * i)) for i in range(n)]
     shares = np.bincount(actions, minlength=4) / n
-    expected = torch.softmax(torch.tensor(LOGITS), 0).numpy()
-    assert (np.abs(shares - expected) < 4.5 * np.sqrt(expected * (1 - expected) / n)).all()
+    assert shares[1] == 0
+    assert (np.abs(shares[[0, 2, 3]] - 1 / 3) < 0.04).all()
+
+
+def masked(allowed):
+    """Logits that torch makes zeros of where an action is not allowed."""
+    return torch.tensor([logit if allowed >> action & 1 else -np.inf for action, logit in enumerate(LOGITS.tolist())])
+
+
+@pytest.mark.parametrize("allowed", [0b1111, 0b1011])
+def test_samples_follow_softmax(allowed):
+    n = 20_000
+    actions = [choosing.softmax_sample(LOGITS, allowed, np.uint64(KEY), np.uint64(2 * i)) for i in range(n)]
+    shares = np.bincount(actions, minlength=4) / n
+    expected = torch.softmax(masked(allowed), 0).numpy()
+    assert shares[expected == 0].tolist() == [0] * (4 - allowed.bit_count())
+    assert (np.abs(shares - expected) <= 4.5 * np.sqrt(expected * (1 - expected) / n)).all()
 
 
 def test_a_sample_depends_on_its_counter_alone():
     def sample(counter: int) -> int:
-        return choosing.softmax_sample(LOGITS, np.uint64(KEY), np.uint64(counter))
+        return choosing.softmax_sample(LOGITS, 15, np.uint64(KEY), np.uint64(counter))
 
     forwards = [sample(counter) for counter in range(0, 100, 2)]
     assert forwards == [sample(counter) for counter in range(98, -1, -2)][::-1]
     assert forwards == [
-        choosing.softmax_sample.py_func(LOGITS, np.uint64(KEY), np.uint64(counter)) for counter in range(0, 100, 2)
+        choosing.softmax_sample.py_func(LOGITS, 15, np.uint64(KEY), np.uint64(counter)) for counter in range(0, 100, 2)
     ]
 
 
 def test_a_certain_action_is_always_taken():
     logits = np.array([-200, 300, -200], np.float32)
-    assert {choosing.softmax_sample(logits, np.uint64(KEY), np.uint64(i)) for i in range(200)} == {1}
+    assert {choosing.softmax_sample(logits, 15, np.uint64(KEY), np.uint64(i)) for i in range(200)} == {1}
 
 
-def test_log_probabilities_are_those_of_torch():
-    expected = torch.log_softmax(torch.tensor(LOGITS, dtype=torch.float64), 0).numpy()
-    got = [choosing.log_probability(LOGITS, action) for action in range(4)]
+@pytest.mark.parametrize(("allowed", "actions"), [(0b1111, [0, 1, 2, 3]), (0b1010, [1, 3]), (0b0010, [1])])
+def test_log_probabilities_are_those_of_torch(allowed, actions):
+    expected = torch.log_softmax(masked(allowed).double(), 0).numpy()[actions]
+    got = [choosing.log_probability(LOGITS, allowed, action) for action in actions]
     np.testing.assert_allclose(got, expected, rtol=1e-12)

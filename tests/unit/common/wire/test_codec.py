@@ -89,6 +89,7 @@ def fragments(draw):
         times=whole(np.int32, count, first, first + steps - 1),
         trains=whole(np.int32, count, 0, trains - 1),
         actions=whole(np.int8, count, 0, 4),
+        allowed=np.full(count, 31, np.uint8),
         log_probabilities=draw(laid_out((count,))),
         values=draw(laid_out((count,))),
     )
@@ -101,6 +102,7 @@ def fragments(draw):
         rewards=draw(laid_out((steps, trains))),
         arrived_at=whole(np.int32, trains, -1, first + steps - 1),
         final_observations=draw(laid_out((trains, features), st.sampled_from([0.0, 0.0, -1.0]))),
+        final_allowed=whole(np.uint8, trains, 1, 31),
         states=states,
         score=draw(optional(FLOATS)) if over else None,
     )
@@ -336,7 +338,7 @@ def test_a_fragment_comes_back_as_it_was_without_its_zeros(record):
 
 def test_a_fragment_of_many_zeros_is_small():
     decisions = {
-        name: np.zeros((10_000, 50)[: 1 + (name == "observations")], spec.dtype)
+        name: np.full((10_000, 50)[: 1 + (name == "observations")], name == "allowed", spec.dtype)
         for name, spec in course.Decisions.arrays().items()
     }
     sent = edited(answer_to(lease_of(0)), **decisions, final_observations=np.zeros((1, 50), np.float32))
@@ -355,7 +357,7 @@ def test_arrays_come_back_writable_and_owning_their_memory():
 def test_the_bytes_of_messages_are_pinned():
     assert encode(LEASE).hex() == LEASE_HEX
     assert encode(WEIGHTS).hex() == WEIGHTS_HEX
-    assert encoding_of(acting.Lease) == "application/msgpack;railctl.Lease.4"
+    assert encoding_of(acting.Lease) == "application/msgpack;railctl.Lease.5"
 
 
 def test_pinned_bytes_are_still_understood():
@@ -365,9 +367,9 @@ def test_pinned_bytes_are_still_understood():
 
 
 def test_another_version_is_refused_by_name_before_the_body_is_looked_at():
-    text = refusal(acting.Lease, b"\xc1", "application/msgpack;railctl.Lease.3")
+    text = refusal(acting.Lease, b"\xc1", "application/msgpack;railctl.Lease.4")
     assert text == (
-        "schema is 'application/msgpack;railctl.Lease.3', this process speaks 'application/msgpack;railctl.Lease.4'"
+        "schema is 'application/msgpack;railctl.Lease.4', this process speaks 'application/msgpack;railctl.Lease.5'"
     )
 
 
@@ -375,7 +377,7 @@ def test_another_version_is_refused_by_name_before_the_body_is_looked_at():
 def test_another_schema_is_refused_by_name(encoding):
     text = refusal(acting.Lease, encode(LEASE), encoding)
     assert encoding[:100] in text
-    assert "railctl.Lease.4" in text
+    assert "railctl.Lease.5" in text
     assert len(text) < 300
 
 
@@ -546,7 +548,7 @@ def test_an_array_is_taken_or_refused_by_what_is_wrong_with_it(tensor, reason):
 
 
 def with_lengths(**changes):
-    return lambda fields, lengths, floats, integers, bytes_: [fields, lengths | changes, floats, integers, bytes_]
+    return lambda fields, lengths, *blocks: [fields, lengths | changes, *blocks]
 
 
 def with_blocks(change):
@@ -581,12 +583,12 @@ def not_a_number(floats, *others):
     ("change", "text"),
     [
         (lambda *parts: list(parts), None),
-        (lambda *parts: list(parts[:4]), "Fragment: wants fields, lengths and 3 blocks"),
-        (lambda *parts: [*parts, b""], "Fragment: wants fields, lengths and 3 blocks"),
+        (lambda *parts: list(parts[:5]), "Fragment: wants fields, lengths and 4 blocks"),
+        (lambda *parts: [*parts, b""], "Fragment: wants fields, lengths and 4 blocks"),
         (lambda *parts: dict(enumerate(parts)), "Fragment: not a message: ValueError: int is not allowed for map key"),
         (
             lambda fields, lengths, *blocks: [fields, list(lengths), *blocks],
-            "Fragment: wants fields, lengths and 3 blocks",
+            "Fragment: wants fields, lengths and 4 blocks",
         ),
         (without_length, "Fragment: rewards of ('T', 'N') in {"),
         (with_lengths(T=99), "Fragment: rewards of ('T', 'N') in {'D': 2, 'F': 1, 'N': 1, 'S': 0, 'T': 99}"),
@@ -602,10 +604,10 @@ def not_a_number(floats, *others):
         (with_lengths(E=0), "lengths of ['D', 'E', 'F', 'N', 'S', 'T'] for shapes of ['D', 'F', 'N', 'S', 'T']"),
         (with_lengths(Z=1), "lengths of ['D', 'F', 'N', 'S', 'T', 'Z'] for shapes of ['D', 'F', 'N', 'S', 'T']"),
         (
-            with_blocks(lambda *blocks: [*blocks[:2], blocks[2] + b"\0"]),
+            with_blocks(lambda *blocks: [*blocks[:2], blocks[2] + b"\0", blocks[3]]),
             "Fragment: more numbers of int8 than in arrays",
         ),
-        (with_blocks(lambda *blocks: [*blocks[:2], b""]), "Fragment: actions of ('D',) in {"),
+        (with_blocks(lambda *blocks: [*blocks[:2], b"", blocks[3]]), "Fragment: actions of ('D',) in {"),
         (with_blocks(lambda *blocks: [blocks[0] + b"\0", *blocks[1:]]), "Fragment: not a message: ValueError: buffer"),
         (with_blocks(lambda *blocks: [[1.0], *blocks[1:]]), "[1.0] is no block of float32"),
         (with_blocks(lambda *blocks: [array("<f8", [1], b"\0" * 8), *blocks[1:]]), "is no block of float32"),

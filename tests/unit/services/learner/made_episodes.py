@@ -15,7 +15,14 @@ def at_offset(array, offset):
     return raw
 
 
-def decisions_of(decided, n_features, log_probabilities=None, values=None):
+def some_allowed(rng, n_actions, size, action_tm1=None):
+    """[B], actions by chance, a bit each; at least one, and those that were taken, if given."""
+    if action_tm1 is None:
+        return rng.integers(1, 1 << n_actions, size)
+    return rng.integers(0, 1 << n_actions, size) | 1 << action_tm1
+
+
+def decisions_of(decided, n_features, log_probabilities=None, values=None, allowed=None):
     """Of (time, train, action, what it saw)."""
     times, trains, actions, seen = zip(*decided, strict=True) if (decided := list(decided)) else ((), (), (), ())
     count = len(times)
@@ -24,6 +31,7 @@ def decisions_of(decided, n_features, log_probabilities=None, values=None):
         times=np.array(times, np.int32),
         trains=np.array(trains, np.int32),
         actions=np.array(actions, np.int8),
+        allowed=np.full(count, 31, np.uint8) if allowed is None else np.array(allowed, np.uint8),
         log_probabilities=np.zeros(count, np.float32) if log_probabilities is None else log_probabilities,
         values=np.zeros(count, np.float32) if values is None else values,
     )
@@ -42,6 +50,7 @@ def course_of(rewards, arrived_at, decisions, final=None, **changes):
         "rewards": np.asarray(rewards, np.float32),
         "arrived_at": np.array(arrived_at, np.int32),
         "final_observations": np.asarray(final, np.float32).reshape(n_trains, n_features),
+        "final_allowed": np.full(n_trains, 31, np.uint8),
         "states": np.zeros((n_trains, 0), np.float32),
     }
     return Course(**fields | changes)
@@ -88,6 +97,8 @@ def make_episode(number, n_features=6, steps=STEPS, offset=0, density=1.0):
         observations=at_offset(course.decisions.observations, offset),
         rewards=at_offset(course.rewards, offset),
         final_observations=at_offset(course.final_observations, offset),
+        allowed=some_allowed(rng, 5, len(times), course.decisions.actions).astype(np.uint8),
+        final_allowed=np.where(arrived_at < 0, some_allowed(rng, 5, TRAINS), 31).astype(np.uint8),
     )
 
 
@@ -123,6 +134,7 @@ def cut(episode, places):
             first_step=first,
             over=over,
             max_steps=course.max_steps,
+            final_allowed=course.final_allowed if over else np.full(len(course.arrived_at), 31, np.uint8),
         )
         fragments.append(fragment_of(lease, part, episode.circumstances.actor))
     return fragments

@@ -11,6 +11,7 @@ from common.policy.networks import build_network, import_parameters
 from common.rules.settings import NetworkConfig
 from common.rules.values import DqnConfig
 from services.learner.fused.dqn import FusedDqn
+from services.learner.textbook.allowing import allowed_only
 from services.learner.textbook.dqn import double_q_target, error_gradient, q_target, soft_update
 from services.learner.training import Batch
 
@@ -28,6 +29,14 @@ def test_double_q_target_by_hand():
     q_t = torch.tensor([[9.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
     target = double_q_target(R_T, DISCOUNT_T, q_t, Q_TARGET_T)
     assert target.tolist() == [-0.5, -2]  # -1 + 1/2: the online net picks action 0
+
+
+def test_targets_of_allowed_actions_by_hand():
+    allowed_t = torch.tensor([0b101, 0b011])
+    only = allowed_only(Q_TARGET_T, allowed_t)
+    assert q_target(R_T, DISCOUNT_T, only).tolist() == [0, -2]  # -1 + 2/2: the 3 is not allowed
+    q_t = allowed_only(torch.tensor([[0.0, 9.0, 1.0], [0.0, 0.0, 1.0]]), allowed_t)
+    assert double_q_target(R_T, DISCOUNT_T, q_t, only).tolist() == [0, -2]
 
 
 def test_soft_update_by_hand():
@@ -67,12 +76,13 @@ def make_dqn(*, double=False, target_tau=None):
     return FusedDqn(config, first_of(network))
 
 
-def one_transition():
+def one_transition(allowed=0b11):
     return Batch(
         observation_tm1=np.array([[2.0]], np.float32),
         action_tm1=np.array([1]),
         reward_t=np.array([-1.0], np.float32),
         discount_t=np.array([0.5], np.float32),
+        allowed_t=np.array([allowed]),
         observation_t=np.array([[1.0]], np.float32),
         weights=np.array([1.0], np.float32),
     )
@@ -96,6 +106,13 @@ def test_an_update_by_hand():
     state = dqn.state()  # the target has gone half the way
     assert state["target/hidden.0.weight"].item() == pytest.approx(0.95)
     assert state["target/q.bias"].tolist() == pytest.approx([0, -0.05])
+
+
+@pytest.mark.parametrize("double", [False, True])
+def test_targets_are_of_what_is_allowed(double):
+    # Q(1, .) is (1, 3), and only the first may follow: target -1 + 0.5 * 1 = -0.5, and Q(2, 1) is 6
+    assert make_dqn(double=double, target_tau=0.5).update(one_transition(0b01)).error_sizes.tolist() == [6.5]
+    assert make_dqn(double=double, target_tau=0.5).update(one_transition(0b10)).error_sizes.tolist() == [5.5]
 
 
 def test_a_weight_scales_the_loss_and_its_gradient():

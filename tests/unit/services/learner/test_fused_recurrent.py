@@ -7,6 +7,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_episodes import some_allowed
 from made_networks import first_of
 from test_fused import assert_each_takes_the_state_of_the_other, assert_gradients_of_first_step, assert_same_weights
 
@@ -14,6 +15,7 @@ from common.policy.recurrent import build_recurrent_network
 from common.rules.drqn import RecurrentDqnConfig
 from common.rules.settings import NetworkConfig
 from services.learner.fused.drqn import FusedDrqn
+from services.learner.textbook.allowing import allowed_only
 from services.learner.textbook.dqn import Dqn
 from services.learner.training import Batch
 
@@ -47,6 +49,7 @@ def batch_of(seed, begins_tm1, begins_t, length, n_features=F, n_actions=A):
         action_tm1=rng.integers(n_actions, size=rows),
         reward_t=-rng.random(rows, np.float32),
         discount_t=rng.choice([0, 0.9], rows).astype(np.float32),
+        allowed_t=some_allowed(rng, n_actions, rows),
         observation_t=sequences(rng, begins_t, length, n_features),
         weights=rng.random(rows, np.float32),
     )
@@ -69,6 +72,7 @@ class ByAutograd:
         with torch.no_grad():
             q_t = last_values(self._target, batch.observation_t, begins_t)
             picking = last_values(self.network, batch.observation_t, begins_t) if self._config.double else q_t
+            picking = allowed_only(picking, torch.tensor(batch.allowed_t))
             best = q_t.gather(1, picking.argmax(1, keepdim=True))[:, 0]
             target = torch.tensor(batch.reward_t).double() + torch.tensor(batch.discount_t).double() * best
         values = last_values(self.network, batch.observation_tm1, begins_tm1)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from made_episodes import some_allowed
 from made_networks import first_of
 from torch import nn
 
@@ -20,6 +21,7 @@ from services.learner.fused.dqn import FusedDqn
 from services.learner.fused.drqn import FusedDrqn
 from services.learner.fused.policy import FusedPolicy
 from services.learner.sparse import dense_rows, sparse_rows
+from services.learner.textbook.allowing import allowed_only
 from services.learner.textbook.dqn import Dqn, TensorBatch
 from services.learner.textbook.modules import ModuleValues
 from services.learner.textbook.policies import PolicyNetwork
@@ -64,6 +66,7 @@ def value_batches(count, *lengths):
             action_tm1=rng.integers(ACTIONS, size=SIZE),
             reward_t=-rng.random(SIZE, np.float32),
             discount_t=rng.choice([0, 0.9], SIZE).astype(np.float32),
+            allowed_t=some_allowed(rng, ACTIONS, SIZE),
             observation_t=mostly_zeros(rng, *lengths, SIZE, FEATURES),
             weights=rng.random(SIZE, np.float32),
         )
@@ -72,9 +75,11 @@ def value_batches(count, *lengths):
 def policy_batches(count):
     rng = np.random.default_rng(2)
     for _ in range(count):
+        action = rng.integers(ACTIONS, size=SIZE)
         yield Experience(
             observation_tm1=mostly_zeros(rng, SIZE, FEATURES),
-            action_tm1=rng.integers(ACTIONS, size=SIZE),
+            action_tm1=action,
+            allowed_tm1=some_allowed(rng, ACTIONS, SIZE, action),
             return_t=-rng.random(SIZE, np.float32),
             least_return_t=-rng.random(SIZE, np.float32),
             log_probability_tm1=-0.6 - rng.random(SIZE, np.float32),
@@ -154,7 +159,8 @@ def test_parameters_of_any_number_of_dimensions_are_trained():
         dqn.update(batch)
         own = TensorBatch.of(batch)
         with torch.no_grad():
-            target = own.reward_t + own.discount_t * module(torch.tensor(batch.observation_t)).amax(-1)
+            q_t = allowed_only(module(torch.tensor(batch.observation_t)), own.allowed_t)
+            target = own.reward_t + own.discount_t * q_t.amax(-1)
         taken = module(torch.tensor(batch.observation_tm1)).gather(-1, own.action_tm1[:, None])[:, 0]
         reference.zero_grad()
         (own.weights * (taken - target) ** 2).mean().backward()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from made_episodes import some_allowed
 from made_networks import first_of
 
 from common.policy.actor_critic import build_actor_critic
@@ -24,9 +25,11 @@ def batches(count, size=40, features=6, actions=3):
     rng = np.random.default_rng(1)
     for _ in range(count):
         observation = -rng.random((size, features), np.float32) * (rng.random((size, features)) < 0.5)
+        action = rng.integers(actions, size=size)
         yield Experience(
             observation_tm1=observation.astype(np.float32),
-            action_tm1=rng.integers(actions, size=size),
+            action_tm1=action,
+            allowed_tm1=some_allowed(rng, actions, size, action),
             return_t=-rng.random(size, np.float32),
             least_return_t=-rng.random(size, np.float32),
             log_probability_tm1=-0.6 - rng.random(size, np.float32),

@@ -87,11 +87,12 @@ def make_network(config):
     return FusedPolicy(first_of(network), config.learning_rate, config.max_gradient_norm)
 
 
-def batch_of(actions, returns, values=None, log_probabilities=None):
+def batch_of(actions, returns, values=None, log_probabilities=None, allowed=None):
     count = len(actions)
     return Experience(
         observation_tm1=np.zeros((count, 1), np.float32),
         action_tm1=np.array(actions),
+        allowed_tm1=np.array(allowed or [0b11] * count),
         return_t=np.array(returns, np.float32),
         least_return_t=np.array(returns, np.float32),
         log_probability_tm1=np.array(log_probabilities or [math.log(0.5)] * count, np.float32),
@@ -127,6 +128,17 @@ def test_an_update_by_hand():
     weights = network.weights()
     np.testing.assert_allclose(weights["actor.bias"], [0.1, -0.1], rtol=1e-5)
     np.testing.assert_allclose(weights["critic.bias"], [-0.4], rtol=1e-5)
+
+
+def test_a_forced_decision_says_nothing_of_the_policy():
+    config = PpoConfig(**SETTINGS)
+    network = make_network(config)
+    batch = batch_of([0, 1], [-0.1, -0.7], log_probabilities=[math.log(0.5), 0.0], allowed=[0b11, 0b10])
+    # As by hand above, but that the second action has the probability 1, and dL/dlogits is zero there.
+    metrics = update(config, network, batch)
+    assert metrics["entropy"] == pytest.approx(math.log(2) / 2)
+    assert (metrics["policy_loss"], metrics["kl"]) == pytest.approx((0, 0), abs=1e-7)
+    assert metrics["gradient_norm"] == pytest.approx(math.sqrt(2 * (0.25 * 0.3 / 0.301) ** 2 + 0.1**2), rel=1e-5)
 
 
 def test_a_policy_that_has_moved_is_told():

@@ -230,7 +230,7 @@ def test_items_may_come_packed_and_in_parts():
 
 
 def test_columns_of_more_than_32_bits_are_refused():
-    with pytest.raises(ValueError, match=r"columns are of int8, int16, int32, float32, not \{'time': 'int64'\}"):
+    with pytest.raises(ValueError, match=r"columns are of uint8, int8, int16, int32, float32, not \{'time': 'int64'\}"):
         Replay(UniformReplay(capacity=4), {"time": np.int64}, ROWS, F)
 
 

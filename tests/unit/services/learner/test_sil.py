@@ -95,6 +95,17 @@ def test_an_update_by_hand():
     np.testing.assert_allclose(network.weights()["critic.bias"], [-0.4], rtol=1e-5)
 
 
+def test_a_forced_decision_teaches_the_critic_alone():
+    network = make_network(PpoConfig(**SETTINGS))
+    batch = batch_of([1, 0], [-0.1, -0.9], allowed=[0b10, 0b11])  # gains 0.4 and 0
+    metrics, _ = Sil(SilConfig(epochs=1, batch_size=2, value_weight=0.5), network).update(
+        sparse_rows(batch.observation_tm1), batch
+    )
+    assert metrics["sil_policy_loss"] == 0
+    assert metrics["sil_gradient_norm"] == pytest.approx(0.1)
+    assert network.weights()["actor.bias"].tolist() == [0, 0]
+
+
 def test_no_imitation_before_the_replay_holds_a_batch():
     rule, _, _ = make_rule(epochs=3, batch_size=3)
     assert len(rule.learn(batch_of([0, 1], [-0.9, -0.1]))) == 1

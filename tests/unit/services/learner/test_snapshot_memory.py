@@ -2,12 +2,16 @@
 
 import numpy as np
 import pytest
-from made_episodes import cut, make_episode
-from msgpack._cmsgpack import Packer
+from made_episodes import cut, edited, make_episode
+from msgpack._cmsgpack import Packer, unpackb
 
 from common.wire.arrays import pack_array
+from common.wire.codec import encode
+from services.learner.compile import learning
+from services.learner.learning import build_trainer
 from services.learner.memory import Memory, take_memory
 from services.learner.opened import OpenEpisode
+from services.learner.selfcheck import made_up_episode
 
 
 def weights(number):
@@ -28,28 +32,60 @@ def packed(plain):
     return np.frombuffer(bytes(Packer(default=pack_array).pack(plain)), np.uint8)
 
 
+def all_allowed(fragment):
+    """What an earlier version knew of: nothing was forbidden."""
+    count = len(fragment.course.decisions)
+    final = np.full(len(fragment.course.arrived_at), 31, np.uint8)
+    return edited(fragment, allowed=np.full(count, 31, np.uint8), final_allowed=final)
+
+
+def in_blocks(fragment):
+    """As schema 4 had it: nothing is said of what was allowed."""
+    whole, lengths, *blocks = unpackb(encode(fragment))
+    assert set(blocks.pop()) == {31}
+    return packed([whole, lengths, *blocks])
+
+
 def mapped(fragment):
     """As schema 3 had it."""
-    return packed(fragment.model_dump())
+    plain = fragment.model_dump()
+    del plain["course"]["final_allowed"], plain["course"]["decisions"]["allowed"]
+    return packed(plain)
 
 
 def flat(fragment):
     """As schema 2 had it."""
     lease, course = fragment.lease, dict(fragment.course)
-    del course["score"]
+    del course["score"], course["final_allowed"]
     decisions = dict(course.pop("decisions"))
+    del decisions["allowed"]
     numbers = {"fragment": lease.fragment}
     numbers |= {name: getattr(lease, name) for name in ("episode", "level", "level_seed", "weights_version")}
     plain = numbers | course | decisions | dict(fragment.circumstances)
     return packed(plain)
 
 
-@pytest.mark.parametrize("earlier", [flat, mapped])
+@pytest.mark.parametrize("earlier", [flat, mapped, in_blocks])
 def test_an_open_episode_of_an_earlier_version_comes_back(earlier):
-    fragments = cut(make_episode(3), [7, 20])[:2]
+    fragments = [all_allowed(fragment) for fragment in cut(make_episode(3), [7, 20])[:2]]
     memory = take_memory({f"open/{number:06d}": earlier(fragment) for number, fragment in enumerate(fragments)})
     assert [fragment.lease.unit for fragment in memory.opened] == [(3, 0), (3, 1)]
     ours, theirs = OpenEpisode(memory.opened), OpenEpisode(fragments)
     assert (ours.steps, ours.decisions, ours.reward) == (theirs.steps, theirs.decisions, theirs.reward)
     assert ours.progressed.actions.tolist() == theirs.progressed.actions.tolist()
     assert ours.digest == theirs.digest
+
+
+@pytest.mark.parametrize(("rule", "column"), [("dqn", "replay/allowed_t"), ("sil", "rule/allowed_tm1")])
+def test_a_replay_of_an_earlier_version_says_that_all_was_allowed(rule, column):
+    first, second = (build_trainer(rule, learning(rule)) for _ in range(2))
+    first.train(made_up_episode(0))
+    state = first.state()
+    assert set(state.pop(column).tolist()) == {31}
+    second.restore(state)
+    for trainer in (first, second):
+        trainer.train(made_up_episode(1))
+    ours, theirs = first.state(), second.state()
+    assert {name: array.tobytes() for name, array in ours.items()} == {
+        name: array.tobytes() for name, array in theirs.items()
+    }

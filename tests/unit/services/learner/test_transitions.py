@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_episodes import STEPS, cut, decided, make_episode
+from made_episodes import STEPS, cut, decided, edited, make_episode
 
 from services.learner.replay.transitions import TransitionMaker, check_order
 
 
-def make(decisions, rewards, arrived_at, final, discount):
+def make(decisions, rewards, arrived_at, final, discount, **changes):
     """The transitions of an episode of one feature."""
-    return TransitionMaker(discount).take(decided(3, decisions, rewards, arrived_at, final))
+    return TransitionMaker(discount).take(edited(decided(3, decisions, rewards, arrived_at, final), **changes))
 
 
 def column(transitions, name):
@@ -25,6 +25,8 @@ def test_one_train_arrives_and_one_is_truncated():
         arrived_at=[2, -1],
         final=[0.0, 0.9],
         discount=0.5,
+        allowed=np.array([4, 24, 17], np.uint8),
+        final_allowed=np.array([31, 20], np.uint8),
     )
     assert len(result) == 3
     assert result.completed_at.tolist() == [3, 3, 4]  # step 2, the third, shows the second decision and the arrival
@@ -34,6 +36,7 @@ def test_one_train_arrives_and_one_is_truncated():
     assert column(result, "reward_t") == [-2, -3, -45]
     assert column(result, "discount_t") == [0.25, 0, 0.125]
     np.testing.assert_array_equal(result.columns["observation_t"], np.float32([[0.3], [0], [0.9]]))
+    assert column(result, "allowed_t") == [17, 31, 20]
     assert column(result, "back") == [0, 1, 0]
 
 

@@ -1,0 +1,84 @@
+"""Asking the trains of one world in turn, from Python; `common.rail.interlocking.asking` says what is asked."""
+
+from collections.abc import Iterator
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.kernel import bare_kernel
+from common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, Batch
+from common.rail.interlocking.asking import allowed, begin, grant, next_asked
+from common.rail.interlocking.signals import ALL_ACTIONS, OFF, SAFE, Signals
+from common.rail.world import DO_NOTHING, MOVE_FORWARD
+
+
+class Asking(Protocol):
+    """A round of questions, one step's: iterate over it, and `grant` each train an action before the next is asked."""
+
+    def __iter__(self) -> Iterator[tuple[int, int]]:
+        """The trains that decide, in the order in which they are asked, and the actions allowed them, a bit each."""
+        ...
+
+    def grant(self, train: int, action: int) -> None:
+        """A train takes an action."""
+        ...
+
+
+class Interlocked:
+    """An `Asking` of a slot of a batch."""
+
+    def __init__(self, batch: Batch, slot: int, mode: int, signals: Signals, deciding: NDArray[np.bool_]) -> None:
+        """`deciding` [N] are the trains to ask."""
+        self._told = batch, slot, mode
+        self._signals, self._deciding = signals, deciding
+        begin(*self._told, signals)
+
+    def __iter__(self) -> Iterator[tuple[int, int]]:
+        batch, slot, _ = self._told
+        while (train := next_asked(batch, slot, self._deciding, self._signals)) != NOTHING:
+            yield train, allowed(*self._told, train, self._signals)
+
+    def grant(self, train: int, action: int) -> None:
+        grant(*self._told, train, action, self._signals)
+
+
+class Free:
+    """An `Asking` without an interlocking: everybody may do anything."""
+
+    def __init__(self, deciding: NDArray[np.bool_]) -> None:
+        """`deciding` [N] are the trains to ask."""
+        self._trains: list[int] = np.flatnonzero(deciding).tolist()
+
+    def __iter__(self) -> Iterator[tuple[int, int]]:
+        return ((train, ALL_ACTIONS) for train in self._trains)
+
+    def grant(self, train: int, action: int) -> None:
+        """Nobody hears of it."""
+
+
+def asking_of(batch: Batch, slot: int, mode: int, signals: Signals, deciding: NDArray[np.bool_]) -> Asking:
+    """A round of questions to the trains of a slot of which `deciding` [N] holds."""
+    return Free(deciding) if mode == OFF else Interlocked(batch, slot, mode, signals, deciding)
+
+
+@bare_kernel
+def allowed_each(batch: Batch, slot: int, mode: int, signals: Signals, bits: NDArray[np.uint8]) -> None:
+    """Fill `bits` [at least N] with what each train of a slot would be allowed if it were asked before all others.
+
+    Who has arrived, or does not exist, is forbidden nothing.
+    """
+    bits[:] = ALL_ACTIONS
+    begin(batch, slot, mode, signals)
+    for train in range(batch.worlds[slot]["trains"]):
+        if batch.trains[slot, train]["state"] != DONE:
+            bits[train] = allowed(batch, slot, mode, train, signals)
+
+
+@bare_kernel
+def unasked(config: int, mode: int) -> int:
+    """What a train is told that does not decide; `config` is NOWHERE off the map, which nobody leaves unasked.
+
+    A train that broke down before it departed would otherwise come onto the map when it is repaired.
+    """
+    return DO_NOTHING if mode >= SAFE and config == NOWHERE else MOVE_FORWARD
