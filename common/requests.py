@@ -10,8 +10,17 @@ from common.levels.distributions import AnyLevels, LevelName
 from common.rules.settings import Mode
 from common.strict import Strict
 
-Reference = Literal["random", "shortest-path", "deadlock-avoidance", "deadlock-avoidance-entering", "planner", "alone"]
-DRAWING: tuple[Reference, ...] = ("random", "planner")  # references that draw
+Reference = Literal[
+    "random",
+    "shortest-path",
+    "deadlock-avoidance",
+    "deadlock-avoidance-entering",
+    "planner",
+    "planner-replanned",
+    "alone",
+]
+PLANNING: tuple[Reference, ...] = ("planner", "planner-replanned")  # references that try orders of trains
+DRAWING: tuple[Reference, ...] = ("random", *PLANNING)  # references that draw
 ORDERS = 50
 EPISODES = 100  # evaluation levels, if no number is given and so many are held out
 
@@ -57,7 +66,7 @@ class ScoreRequest(Strict):
 
 
 class ReferenceRequest(Strict):
-    """A reference policy shall be scored; `orders` are those of trains that the planner tries."""
+    """A reference policy shall be scored; `orders` are those of trains that planners try."""
 
     policy: Reference
     draws: int = Field(default=0, ge=0)
