@@ -4,7 +4,9 @@ Source of the interface: "PettingZoo: Gym for Multi-Agent Reinforcement Learning
 arXiv:2009.14471). Observations and rewards are those of the world, actions flatland's.
 
 Trains decide at few steps only (`decisions`). All others get an observation, too, but their actions do not count:
-`infos[agent]["deciding"]` says so, and `infos[agent]["action_mask"]` leaves them MOVE_FORWARD alone.
+`infos[agent]["deciding"]` says so, and `infos[agent]["action_mask"]` leaves them MOVE_FORWARD alone. To those that
+decide it leaves what the world's interlocking would allow them if they were asked first. Agents act at once, but
+trains are asked in turn: who is not granted its action stops, and `infos[agent]["refused"]` says so after the step.
 
 The study gives 1 to all trains on the step on which the last one arrives. Those that arrived before are no agents any
 more: `infos[agent]["team_reward"]` is the sum over all trains. On the last step `infos[agent]["normalised_return"]` is
@@ -24,6 +26,7 @@ from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
+from adapters.granting import FORWARD_ONLY, MASKS, grant_all
 from adapters.settings import setting_of
 from common.levels.distributions import Rules
 from common.levels.level import Level
@@ -43,16 +46,6 @@ Actions = Mapping[str, int | np.int64]
 Outcome = tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]
 RENDER_MODES = ["human", "rgb_array"]
 SEED_BITS = 31
-
-
-def _mask(actions: range) -> NDArray[np.int8]:
-    mask = np.zeros(N_ACTIONS, np.int8)
-    mask[actions] = 1
-    mask.flags.writeable = False
-    return mask
-
-
-ALL_ACTIONS, FORWARD_ONLY = _mask(range(N_ACTIONS)), _mask(range(MOVE_FORWARD, MOVE_FORWARD + 1))
 
 
 class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
@@ -88,7 +81,7 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
         Args:
             name: of the level distribution, unless `reset` asks for another. If not given: `easy`, the mix of the run
                 file, or all of the world's with equal shares.
-            run_file: as `railctl up -f` takes it: its levels, observation, decisions, reward and mix count.
+            run_file: as `railctl up -f` takes it: its world and its mix count.
             world: what is played, instead of a run file; with neither, the study's world.
             depth: of the trees of the study's world, 1 to 3: 60, 252 or 1020 features.
             decisions: where trains of the study's world decide, `cells`, `legacy` or `always`.
@@ -162,7 +155,7 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
         self._arrived_at = np.full(level.n_trains, NONE, np.int32)
         self.agents = self.possible_agents[: level.n_trains]
         self._show()
-        return self._observations(played), self._infos(played, 0.0)
+        return self._observations(played), self._infos(played, 0.0, set())
 
     def step(self, actions: Actions) -> Outcome:
         """One step of all trains.
@@ -183,7 +176,9 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
             raise ResetNeeded("there is no episode to step: call reset first")
         if not self.agents:
             return {}, {}, {}, {}, {}
-        rewards = played.step(self._given(played, actions))[0]
+        wanted = self._given(played, actions)
+        refused = grant_all(played, wanted)
+        rewards = played.step(wanted)[0]
         arrived, over = played.arrived()[0], bool(played.over()[0])
         self._arrived_at[arrived[: len(self._arrived_at)] & (self._arrived_at == NONE)] = self._step
         self._step += 1
@@ -191,7 +186,7 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
         terminated = {agent: bool(arrived[self._numbers[agent]]) for agent in before}
         truncated = {agent: over and not terminated[agent] for agent in before}
         given = {agent: float(rewards[self._numbers[agent]]) for agent in before}
-        observations, infos = self._observations(played), self._infos(played, float(rewards.sum()))
+        observations, infos = self._observations(played), self._infos(played, float(rewards.sum()), refused)
         self.agents = [agent for agent in before if not (terminated[agent] or truncated[agent])]
         self._show()
         return observations, given, terminated, truncated, infos
@@ -262,13 +257,15 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
         seen = dict(zip(seeing, vectors, strict=True))
         return {agent: seen.get(agent, np.zeros(played.n_features, np.float32)) for agent in self.agents}
 
-    def _infos(self, played: CompiledWorld, team_reward: float) -> Infos:
-        deciding = played.deciding()[0]
+    def _infos(self, played: CompiledWorld, team_reward: float, refused: set[int]) -> Infos:
+        deciding, allowed = played.deciding()[0], played.allowed(0)
         common = {"team_reward": team_reward, **self._results(played)}
         infos: Infos = {}
         for agent in self.agents:
-            decides = bool(deciding[self._numbers[agent]])
-            infos[agent] = {"deciding": decides, "action_mask": ALL_ACTIONS if decides else FORWARD_ONLY, **common}
+            train = self._numbers[agent]
+            mask = MASKS[allowed[train]] if deciding[train] else FORWARD_ONLY
+            own = {"deciding": bool(deciding[train]), "action_mask": mask, "refused": train in refused}
+            infos[agent] = own | common
         return infos
 
     def _results(self, played: CompiledWorld) -> dict[str, float]:

@@ -13,6 +13,8 @@ from common.strict import Strict
 Reference = Literal[
     "random",
     "shortest-path",
+    "shortest-path-safe",
+    "shortest-path-planned",
     "deadlock-avoidance",
     "deadlock-avoidance-entering",
     "planner",

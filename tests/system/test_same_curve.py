@@ -83,6 +83,8 @@ ALGORITHMS = {
     "ppo": (),
     "ppor": (),
     "sil": (),
+    "dddqn-interlocked": ("--set", "interlocking=safe"),
+    "sil-interlocked": ("--set", "interlocking=planned"),
 }
 
 

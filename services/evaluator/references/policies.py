@@ -4,6 +4,7 @@
 |---|---|
 | random | any action where a train decides: how an untrained network explores |
 | shortest-path | onward, never waiting for another train; of equally short ways the leftmost |
+| shortest-path-safe, shortest-path-planned | see `interlocked`: onward as far as an interlocking of that mode allows |
 | deadlock-avoidance, deadlock-avoidance-entering | see `deadlock_avoidance`; the second with entering prevention |
 | planner | see `planner`: knows all of the level, plans before the first step |
 | planner-replanned | see `replanner`: plans anew wherever a train decides |
@@ -13,8 +14,10 @@
 from functools import partial
 
 from common.rail.compiled.world import CompiledWorld
+from common.rail.interlocking.signals import PLANNED, SAFE
 from common.requests import ORDERS, Reference
 from services.evaluator.references.deadlock_avoidance import deadlock_avoidance
+from services.evaluator.references.interlocked import interlocked_shortest_path
 from services.evaluator.references.performing import Begin, policy_of
 from services.evaluator.references.planner import planner
 from services.evaluator.references.replanner import replanner
@@ -34,6 +37,8 @@ def reference_policy(name: Reference, world: CompiledWorld, seed: int = 0, order
     begins: dict[Reference, Begin] = {
         "random": partial(at_random, seed),
         "shortest-path": shortest_path,
+        "shortest-path-safe": partial(interlocked_shortest_path, SAFE),
+        "shortest-path-planned": partial(interlocked_shortest_path, PLANNED),
         "deadlock-avoidance": partial(deadlock_avoidance, entering_prevention=False),
         "deadlock-avoidance-entering": partial(deadlock_avoidance, entering_prevention=True),
         "planner": partial(planner, seed, orders),

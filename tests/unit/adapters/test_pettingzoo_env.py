@@ -42,10 +42,11 @@ def world_of(names=("easy", "rush"), **parts):
     return WorldSpec.model_validate({"levels": {name: known[name] for name in names}} | parts)
 
 
-def choose(observation, step, train):
-    """Mostly forward, else anything; it depends on all that it is given."""
+def choose(observation, step, train, allowed=31):
+    """Mostly forward, else anything that is allowed; it depends on all that it is given."""
     draw = uniform(stream_key(step, train, observation.tobytes().hex()), 0)
-    return 2 if draw < 0.8 else int((draw - 0.8) * 25)
+    action = 2 if draw < 0.8 else int((draw - 0.8) * 25)
+    return action if allowed >> action & 1 else allowed.bit_length() - 1
 
 
 @pytest.mark.parametrize("name", ["easy", "rush"])
@@ -63,15 +64,17 @@ def play_as(env, seen, infos, stage):
     """Play the environment's episode in both; compare all there is."""
     malfunction_seed = training_malfunction_seed(7, 0)
     stage.begin(env.level, malfunction_seed, np.zeros(0, np.int8), 0)
-    recording = stage.advance(lambda *seen: Decision(choose(*seen[:3])), np.zeros((env.level.n_trains, 0), np.float32))
+    recording = stage.advance(lambda *seen: Decision(choose(*seen)), np.zeros((env.level.n_trains, 0), np.float32))
     rewards, arrived_at, decisions = [], np.full(env.level.n_trains, -1), []
     for step in count():
         actions = {}
         for train, agent in enumerate(env.possible_agents):
             if agent in env.agents and infos[agent]["deciding"]:
-                actions[agent] = choose(seen[agent], step, train)
+                allowed = int((infos[agent]["action_mask"] << np.arange(5)).sum())
+                actions[agent] = choose(seen[agent], step, train, allowed)
                 decisions.append((step, train, actions[agent], seen[agent]))
         seen, given, terminated, truncated, infos = env.step(actions)
+        assert not any(info["refused"] for info in infos.values())
         rewards.append(next(iter(infos.values()))["team_reward"])
         for train, agent in enumerate(env.possible_agents):
             if terminated.get(agent):
@@ -100,18 +103,21 @@ def play_as(env, seen, infos, stage):
 
 @pytest.mark.parametrize("engine", ["compiled", "flatland"])
 @pytest.mark.parametrize(
-    ("name", "observation", "reward", "decisions"),
+    ("name", "observation", "reward", "decisions", "interlocking"),
     [
-        ("easy", "tree", "study", "cells"),
-        ("hard", "plain", "shaped", "legacy"),
-        ("rush", "tree", "delay", "always"),
-        ("rush", "plain", "study", "cells"),
-        ("rush", "global", "shaped", "cells"),
-        ("rush", "local", "study", "legacy"),
+        ("easy", "tree", "study", "cells", "off"),
+        ("easy", "tree", "study", "cells", "valid"),
+        ("hard", "plain", "shaped", "legacy", "off"),
+        ("rush", "tree", "delay", "always", "off"),
+        ("rush", "tree", "delay", "always", "valid"),
+        ("rush", "plain", "study", "cells", "off"),
+        ("rush", "global", "shaped", "cells", "off"),
+        ("rush", "local", "study", "legacy", "off"),
     ],
 )
-def test_it_plays_a_level_as_our_actors_do(engine, name, observation, reward, decisions):
-    world = world_of([name], observation=OBSERVATIONS[observation], reward=REWARDS[reward], decisions=decisions)
+def test_it_plays_a_level_as_our_actors_do(engine, name, observation, reward, decisions, interlocking):
+    parts = {"observation": OBSERVATIONS[observation], "reward": REWARDS[reward], "decisions": decisions}
+    world = world_of([name], **parts, interlocking=interlocking)
     env, rules = TrainsEnv(world=world), world.levels[name].rules
     seen, infos = env.reset(seed=7)
     trains = env.level.n_trains
@@ -235,6 +241,25 @@ def test_masks_leave_trains_that_do_not_decide_nothing_to_choose():
             assert info["action_mask"].tolist() == ([1] * 5 if info["deciding"] else [0, 0, 1, 0, 0])
         *_, infos = env.step(dict.fromkeys(env.agents, 2))
     assert kinds == {False, True}
+
+
+def test_an_action_that_is_not_granted_stops_a_train():
+    first, second = (TrainsEnv(world=world_of(["hard"], interlocking="valid")) for _ in range(2))
+    _, infos = first.reset(seed=2)
+    second.reset(seed=2)
+    refused = set()
+    for step in range(60):
+        wanted = {agent: (step + train) % 5 for train, agent in enumerate(first.agents)}
+        denied = {
+            agent for agent in wanted if infos[agent]["deciding"] and not infos[agent]["action_mask"][wanted[agent]]
+        }
+        *ours, infos = first.step(wanted)
+        *theirs, others = second.step(wanted | dict.fromkeys(denied, 4))
+        np.testing.assert_equal(ours, theirs)
+        assert {agent for agent, info in infos.items() if info["refused"]} == denied
+        assert not any(info["refused"] for info in others.values())
+        refused |= denied
+    assert len(refused) > 3
 
 
 def test_what_is_no_action_is_refused():

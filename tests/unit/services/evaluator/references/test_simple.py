@@ -1,6 +1,7 @@
 """Policies without foresight, by hand and beside how networks explore."""
 
 import numpy as np
+import pytest
 
 from common.levels.level import Level
 from common.levels.supply import LevelSupply
@@ -14,6 +15,7 @@ from common.rules.settings import NetworkConfig
 from common.seeding import stream_key
 from common.world import study_world
 from services.evaluator.references.policies import reference_policy
+from services.evaluator.references.simple import with_one_train
 
 EAST, WEST = 1, 3
 ALONG, WEST_END, EAST_END = 0x0401, 0x0004, 0x0100
@@ -66,15 +68,17 @@ def test_greedy_trains_never_wait_and_block_each_other_for_ever():
     assert recording.normalised_return == -41 / 60
 
 
+# From the south to a switch, and left or right around a ring to the north:
+RING = Level(
+    grid=np.array([[0, 0x2000, 0], [0x4002, 0x0858, 0x1200], [0x0048, 0x5202, 0x0810], [0, 0x0080, 0]], np.uint16),
+    starts=np.array([[3, 1, 2]], np.int32),
+    targets=np.array([[0, 1]], np.int32),
+    max_steps=20,
+)
+
+
 def test_of_equally_short_ways_greedy_trains_take_the_left_one():
-    """From the south to a switch, and left or right around a ring to the north."""
-    ring = Level(
-        grid=np.array([[0, 0x2000, 0], [0x4002, 0x0858, 0x1200], [0x0048, 0x5202, 0x0810], [0, 0x0080, 0]], np.uint16),
-        starts=np.array([[3, 1, 2]], np.int32),
-        targets=np.array([[0, 1]], np.int32),
-        max_steps=20,
-    )
-    assert played("shortest-path", ring).decisions.actions.tolist() == [
+    assert played("shortest-path", RING).decisions.actions.tolist() == [
         FORWARD,
         FORWARD,
         MOVE_LEFT,
@@ -83,8 +87,18 @@ def test_of_equally_short_ways_greedy_trains_take_the_left_one():
         FORWARD,
     ]
     assert (
-        played("deadlock-avoidance", ring).decisions.actions.tolist()[2] == MOVE_RIGHT
+        played("deadlock-avoidance", RING).decisions.actions.tolist()[2] == MOVE_RIGHT
     )  # the east comes before the west
+
+
+@pytest.mark.parametrize("name", ["shortest-path-safe", "shortest-path-planned"])
+def test_behind_an_interlocking_a_train_alone_takes_the_shortest_path(name):
+    assert played(name, RING).decisions.actions.tolist()[2] == MOVE_LEFT
+    for seed in range(5):
+        level = LevelSupply().evaluation("hard", seed)
+        for train in range(level.n_trains):
+            single = with_one_train(level, train)
+            assert played(name, single).arrived_at.tolist() == played("shortest-path", single).arrived_at.tolist()
 
 
 def test_a_train_without_a_path_stays_off_the_map_and_in_nobodys_way():

@@ -1,0 +1,52 @@
+"""The shortest path behind an interlocking: trains are asked where they decide, one after another.
+
+Each takes the move, of those allowed, beyond which its way to the target is shortest, however long a detour that is;
+of equally short ways the leftmost. It waits only if no move is allowed.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.kernel import kernel
+from common.rail.asking import unasked
+from common.rail.compiled.arrays import NOTHING, NOWHERE, UNREACHED
+from common.rail.compiled.step import leave
+from common.rail.compiled.world import Parts
+from common.rail.interlocking.asking import allowed, begin, grant, next_asked
+from common.rail.world import MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
+from services.evaluator.references.performing import Act
+
+
+def interlocked_shortest_path(mode: int, _index: int, parts: Parts) -> Act:
+    """Onward as far as an interlocking of a mode allows, whatever that of the world is."""
+    actions = np.empty(parts.batch.worlds[0]["trains"], np.int8)
+
+    def act(_step: int) -> NDArray[np.int8]:
+        drive_on_as_allowed(parts, mode, actions)
+        return actions
+
+    return act
+
+
+@kernel
+def drive_on_as_allowed(parts: Parts, mode: int, actions: NDArray[np.int8]) -> None:
+    """Fill in actions [N] of slot 0."""
+    batch, signals, deciding = parts.batch, parts.signals, parts.deciding[0]
+    codes, leads = batch.codes[0], batch.leads[0]
+    for at in range(len(actions)):
+        actions[at] = unasked(batch.trains[0, at]["config"], mode)
+    begin(batch, 0, mode, signals)
+    while True:
+        at = next_asked(batch, 0, deciding, signals)
+        if at == NOTHING:
+            return
+        train = batch.trains[0, at]
+        here = train["config"] if train["config"] != NOWHERE else train["start"]
+        bits = allowed(batch, 0, mode, at, signals)
+        best, least = STOP_MOVING, UNREACHED
+        for action in range(MOVE_LEFT, MOVE_RIGHT + 1):
+            to = leave(codes, leads, here, action) if bits >> action & 1 else NOTHING
+            if to != NOTHING and batch.distances[0, at, to] < least:
+                best, least = action, batch.distances[0, at, to]
+        actions[at] = best
+        grant(batch, 0, mode, at, best, signals)
