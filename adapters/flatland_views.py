@@ -141,4 +141,4 @@ def _check_size(level: Level, world: WorldSpec) -> None:
 def _sight(env: RailEnv, level: Level, world: WorldSpec, rules: Rules) -> FlatlandSight:
     told = world.observation, rules, world.bounds
     sight = sight_of(*told, env, level)
-    return Mirror(env, level, *told, STUDY_REWARD) if sight is None else sight
+    return Mirror(env, level, *told, world.decisions, STUDY_REWARD) if sight is None else sight

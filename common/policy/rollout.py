@@ -123,7 +123,7 @@ def run(
             for row in range(asking):
                 train = notes.trains[decisions + row]
                 forward_row(header, parameters, seen[row], states[train], outputs[row], places, values, sums)
-            begin(parts.batch, 0, parts.interlocking, parts.signals)
+            begin(parts.batch, 0, parts.interlocking, parts.decisions, parts.signals)
             for _ in range(asking):  # in another order than the rows, as what one is granted binds the next
                 train = next_asked(parts.batch, 0, parts.deciding[0], parts.signals)
                 bits = allowed(parts.batch, 0, parts.interlocking, train, parts.signals)

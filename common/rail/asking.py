@@ -28,11 +28,13 @@ class Asking(Protocol):
 class Interlocked:
     """An `Asking` of a slot of a batch."""
 
-    def __init__(self, batch: Batch, slot: int, mode: int, signals: Signals, deciding: NDArray[np.bool_]) -> None:
-        """`deciding` [N] are the trains to ask."""
+    def __init__(  # noqa: PLR0913
+        self, batch: Batch, slot: int, mode: int, decisions: int, signals: Signals, deciding: NDArray[np.bool_]
+    ) -> None:
+        """`deciding` [N] are the trains to ask, by the rule of `decisions`."""
         self._told = batch, slot, mode
         self._signals, self._deciding = signals, deciding
-        begin(*self._told, signals)
+        begin(*self._told, decisions, signals)
 
     def __iter__(self) -> Iterator[tuple[int, int]]:
         batch, slot, _ = self._told
@@ -57,19 +59,23 @@ class Free:
         """Nobody hears of it."""
 
 
-def asking_of(batch: Batch, slot: int, mode: int, signals: Signals, deciding: NDArray[np.bool_]) -> Asking:
+def asking_of(  # noqa: PLR0913
+    batch: Batch, slot: int, mode: int, decisions: int, signals: Signals, deciding: NDArray[np.bool_]
+) -> Asking:
     """A round of questions to the trains of a slot of which `deciding` [N] holds."""
-    return Free(deciding) if mode == OFF else Interlocked(batch, slot, mode, signals, deciding)
+    return Free(deciding) if mode == OFF else Interlocked(batch, slot, mode, decisions, signals, deciding)
 
 
 @bare_kernel
-def allowed_each(batch: Batch, slot: int, mode: int, signals: Signals, bits: NDArray[np.uint8]) -> None:
+def allowed_each(  # noqa: PLR0913
+    batch: Batch, slot: int, mode: int, decisions: int, signals: Signals, bits: NDArray[np.uint8]
+) -> None:
     """Fill `bits` [at least N] with what each train of a slot would be allowed if it were asked before all others.
 
     Who has arrived, or does not exist, is forbidden nothing.
     """
     bits[:] = ALL_ACTIONS
-    begin(batch, slot, mode, signals)
+    begin(batch, slot, mode, decisions, signals)
     for train in range(batch.worlds[slot]["trains"]):
         if batch.trains[slot, train]["state"] != DONE:
             bits[train] = allowed(batch, slot, mode, train, signals)

@@ -52,6 +52,8 @@ class FlatlandEpisode:
         orders_of(level, legacy=settings.rules == "legacy")
         self._settings = settings
         self._pays_by_mirror = settings.reward.kind not in ("study", "delay")
+        self._has_signals = settings.interlocking != "off"
+        self._binds = self._has_signals and settings.rules == "stock"
         study = settings.rules == "legacy" and settings.reward.kind != "delay"
         rewards: Any = StudyRewards if study else DefaultRewards
         self._env: Any = LevelEnv(level, settings.rules, rewards, malfunction_seed)
@@ -73,19 +75,24 @@ class FlatlandEpisode:
         told = settings.observation, settings.rules, settings.bounds
         sight = sight_of(*told, self._env, level)
         self._mirror: Mirror | None = None
-        if sight is None or self._pays_by_mirror or settings.interlocking != "off":
-            self._mirror = Mirror(self._env, level, *told, settings.reward, settings.interlocking, self._actions)
+        if sight is None or self._pays_by_mirror or self._has_signals:
+            self._mirror = Mirror(
+                *(self._env, level, *told, settings.decisions, settings.reward, settings.interlocking, self._actions)
+            )
         self._sight: Any = self._mirror if sight is None else sight
         self._look()
 
     def step(self, actions: Sequence[int]) -> list[float]:
         """One step: the trains' rewards. A committed train follows its earlier action instead."""
+        decided = np.array(self.deciding()) if self._binds else None
         if self._actions is None:
             self._env.step({train: ACTIONS[action] for train, action in enumerate(actions)})
         else:
             self._actions.step(actions)
         self.over = self._env.dones["__all__"]
         self._look()
+        if decided is not None and self._mirror is not None:
+            self._mirror.bind(actions, decided)
         paid = [self._env.rewards_dict[train] for train in range(self.level.n_trains)]
         if self._actions is None:
             self._delays += np.array(paid, np.float64)

@@ -1,5 +1,6 @@
 """A compiled world that repeats what an environment of flatland-rl shows, for what the library itself cannot do."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from common.levels.distributions import Bounds, Rules
 from common.levels.level import Level
 from common.rail.asking import Asking, asking_of
 from common.rail.compiled.arrays import IS_OCCUPIED, NOTHING, NOWHERE
+from common.rail.compiled.batches import bind
+from common.rail.compiled.decisions import Decisions
 from common.rail.compiled.world import CompiledWorld
 from common.rail.flatland_env import LegacyActions
 from common.rail.interlocking.signals import Interlocking
@@ -28,6 +31,7 @@ class Mirror:
         observation: AnyObservation,
         rules: Rules,
         bounds: Bounds | None,
+        decisions: Decisions,
         reward: AnyReward,
         interlocking: Interlocking = "off",
         actions: LegacyActions | None = None,
@@ -37,7 +41,9 @@ class Mirror:
         self._actions = actions
         self._observation = header_of(observation, rules, bounds)
         self._n_features = observation.n_features(bounds)
-        self._world = CompiledWorld(1, level.n_trains, rules=rules, reward=reward, interlocking=interlocking)
+        self._world = CompiledWorld(
+            1, level.n_trains, rules=rules, decisions=decisions, reward=reward, interlocking=interlocking
+        )
         self._world.load(0, level)
         cells = self._world.batch.cells[0, : self._world.batch.worlds[0]["cells"]]
         places = zip(cells["row"].tolist(), cells["column"].tolist(), strict=True)
@@ -84,10 +90,16 @@ class Mirror:
         pay(parts.batch, 0, rewards, parts.reward)
         return rewards
 
+    def bind(self, actions: Sequence[int], deciding: NDArray[np.bool_]) -> None:
+        """Note who was hindered in a step, once it is taken over; `deciding` [N] are those that decided before it."""
+        trains = self._world.batch.trains[0]
+        trains["action"] = actions
+        bind(trains, deciding)
+
     def ask(self, deciding: NDArray[np.bool_]) -> Asking:
         """As `World.ask`, of the trains of which `deciding` [N] holds."""
         parts = self._world.parts()
-        return asking_of(parts.batch, 0, parts.interlocking, parts.signals, deciding)
+        return asking_of(parts.batch, 0, parts.interlocking, parts.decisions, parts.signals, deciding)
 
     def allowed(self) -> NDArray[np.uint8]:
         """[N], as `World.allowed`."""

@@ -71,6 +71,7 @@ TRAIN: Final = np.dtype(
         ("arrived_at", np.int32),  # a time, or NOTHING
         ("done", np.bool_),
         ("stuck", np.bool_),  # in a deadlock, if the reward asks for it
+        ("bound", np.int32),  # the move that it decided on and was hindered from so far, or NOTHING; of stock rules
         # what flatland 2.2.2 remembers beyond 4.3.0
         ("committed", np.int32),  # an action, or NOTHING
         ("driving", np.bool_),

@@ -5,12 +5,13 @@ from numpy.typing import NDArray
 
 from common.kernel import bare_kernel, kernel
 from common.rail.asking import unasked
-from common.rail.compiled.arrays import DONE, NOTHING, WAYS, Batch
+from common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, WAYS, Batch
 from common.rail.compiled.decisions import decides
 from common.rail.compiled.malfunctions import begin
 from common.rail.compiled.paths import lay_rails, measure, number_cells
 from common.rail.compiled.step import start, step
 from common.rail.rewards.table import pay
+from common.rail.world import MOVE_LEFT, MOVE_RIGHT
 
 LOADED, OFF_GRID, NO_ROOM, ASTRAY, TOO_FAR = range(5)
 
@@ -152,6 +153,17 @@ def break_from_now_on(
 
 
 @bare_kernel
+def bind(trains: NDArray[np.void], deciding: NDArray[np.bool_]) -> None:
+    """Note of a step's trains [N] which of those that decided to leave their cell could not, having broken down say."""
+    for at in range(len(trains)):
+        train = trains[at]
+        if train["config"] != train["before"]:
+            train["bound"] = NOTHING
+        elif deciding[at] and train["config"] != NOWHERE and MOVE_LEFT <= train["action"] <= MOVE_RIGHT:
+            train["bound"] = train["action"]
+
+
+@bare_kernel
 def step_all(
     batch: Batch,
     actions: NDArray[np.int8],
@@ -178,5 +190,7 @@ def step_all(
             own = obey or deciding[slot, at]
             trains[at]["action"] = actions[slot, at] if own else unasked(trains[at]["config"], interlocking)
         step(batch, slot, legacy)
+        if not legacy:
+            bind(trains[: batch.worlds[slot]["trains"]], deciding[slot])
         pay(batch, slot, rewards[slot], weights)
         survey(batch, slot, mode, deciding, arrived, over)

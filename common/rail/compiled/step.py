@@ -67,6 +67,7 @@ def start(batch: Batch, slot: int, legacy: bool) -> None:
         train["arrived_at"] = NOTHING
         train["done"] = False
         train["stuck"] = False
+        train["bound"] = NOTHING
         train["committed"] = NOTHING
         train["driving"] = False
         cells[train["start"] >> 2]["waiting"] += 1

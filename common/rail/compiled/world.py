@@ -223,12 +223,12 @@ class CompiledWorld:
 
     def ask(self, slot: int) -> Asking:
         """As `World.ask`."""
-        return asking_of(self.batch, slot, self._interlocking, self._signals, self._deciding[slot])
+        return asking_of(self.batch, slot, self._interlocking, self._decisions, self._signals, self._deciding[slot])
 
     def allowed(self, slot: int) -> NDArray[np.uint8]:
         """As `World.allowed`."""
         bits = np.empty(self.max_trains, np.uint8)
-        allowed_each(self.batch, slot, self._interlocking, self._signals, bits)
+        allowed_each(self.batch, slot, self._interlocking, self._decisions, self._signals, bits)
         return bits
 
     def step(self, actions: NDArray[np.int8]) -> NDArray[np.float32]:

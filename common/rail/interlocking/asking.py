@@ -5,36 +5,90 @@
         bits = allowed(..., train)                # a bit for each action that it may take
         grant(..., train, action)                 # what it does
 
-Whoever stands before its own cell's next train is asked after that one, so that it knows whether the place is left.
+| mode | a train may |
+|---|---|
+| off | take any action |
+| valid | stop, go on, and turn where rails do; no two of these actions do the same |
+| safe | stop; go where its route is free (`routes`) if afterwards all trains can run home (`proof`) |
+| planned | as safe, or once one train has stepped aside |
+
+A train that was granted a move and could not make it, since it broke down, say, is bound to it: others count on it.
+Who could go to where another one is that has to be asked is asked after it, so that it knows whether that one leaves.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import bare_kernel
-from common.rail.compiled.arrays import NOTHING, NOWHERE, SINGLE, Batch
-from common.rail.interlocking.signals import ALL_ACTIONS, OFF, Signals
+from common.rail.compiled.arrays import NOTHING, NOWHERE, SINGLE, UNREACHED, Batch
+from common.rail.compiled.decisions import CELLS, decides
+from common.rail.compiled.step import leave
+from common.rail.interlocking.proof import is_proven, settle, vanish
+from common.rail.interlocking.routes import find_routes, is_free, lock, run_on
+from common.rail.interlocking.signals import (
+    ALL_ACTIONS,
+    ANYWHERE,
+    DECISIONS,
+    MODE,
+    OFF,
+    PLANNED,
+    ROUNDS,
+    SAFE,
+    VALID,
+    Signals,
+)
 from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
 
 FORWARD: int = 1 << MOVE_FORWARD
 STOP: int = 1 << STOP_MOVING
+PATIENT_ROUNDS: int = 2  # in which trains let others be asked first
 
 
 @bare_kernel
-def begin(batch: Batch, slot: int, mode: int, signals: Signals) -> None:
-    """Before the trains of a slot are asked in a step."""
+def begin(batch: Batch, slot: int, mode: int, decisions: int, signals: Signals) -> None:
+    """Before the trains of a slot are asked in a step; `decisions` is the rule that says whom to ask."""
+    numbers = signals.numbers
+    numbers[MODE], numbers[DECISIONS], numbers[ROUNDS], numbers[ANYWHERE] = mode, decisions, 0, decisions != CELLS
     for at in range(batch.worlds[slot]["trains"]):
-        signals.asked[at] = False
+        signals.trains[at]["asked"] = False
+    if mode >= SAFE:
+        find_routes(batch, slot, decisions, signals)
+        rest_all(batch, slot, signals)
 
 
 @bare_kernel
 def next_asked(batch: Batch, slot: int, deciding: NDArray[np.bool_], signals: Signals) -> int:
     """The next train to ask, of those that decide [N]; NOTHING if all have been asked."""
-    for at in range(batch.worlds[slot]["trains"]):
-        if deciding[at] and not signals.asked[at]:
-            signals.asked[at] = True
-            return at
+    n_trains = batch.worlds[slot]["trains"]
+    while signals.numbers[ROUNDS] <= PATIENT_ROUNDS:
+        patient = signals.numbers[MODE] >= SAFE and signals.numbers[ROUNDS] < PATIENT_ROUNDS
+        for at in range(n_trains):
+            of = signals.trains[at]
+            if deciding[at] and not of["asked"] and not (patient and waits(batch, slot, at, deciding, signals)):
+                of["asked"] = True
+                return at
+        signals.numbers[ROUNDS] += 1
     return NOTHING
+
+
+@bare_kernel
+def waits(batch: Batch, slot: int, at: int, deciding: NDArray[np.bool_], signals: Signals) -> bool:
+    """Whether some train that has still to be asked is where this one could go."""
+    codes, leads = batch.codes[slot], batch.leads[slot]
+    here = int(batch.trains[slot, at]["config"])
+    if here == NOWHERE:
+        return is_open(signals, deciding, at, int(batch.trains[slot, at]["start"]) >> 2)
+    for way in range(4):
+        if codes[here] >> way & 1 and is_open(signals, deciding, at, int(leads[(here & ~3) + way]) >> 2):
+            return True
+    return False
+
+
+@bare_kernel
+def is_open(signals: Signals, deciding: NDArray[np.bool_], at: int, cell: int) -> bool:
+    """Whether another train is in a cell that has still to be asked."""
+    other = signals.cells[cell]["occupant"]
+    return bool(other != NOTHING and other != at and deciding[other] and not signals.trains[other]["asked"])
 
 
 @bare_kernel
@@ -54,12 +108,77 @@ def valid(codes: NDArray[np.int32], here: int) -> int:
 
 @bare_kernel
 def allowed(batch: Batch, slot: int, mode: int, train: int, signals: Signals) -> int:
-    """The actions that a train may take, a bit each; any train that is not done may be asked, deciding or not."""
+    """The actions that a train may take, a bit each.
+
+    Any train that is not done may be asked about; where it does not decide, all that are there are allowed.
+    """
     if mode == OFF:
         return ALL_ACTIONS
-    return valid(batch.codes[slot], batch.trains[slot, train]["config"])
+    codes, of = batch.codes[slot], batch.trains[slot, train]
+    bits = valid(codes, int(of["config"]))
+    if mode == VALID or not decides(of, codes, batch.worlds[slot]["unit"], int(signals.numbers[DECISIONS])):
+        return bits
+    if of["bound"] != NOTHING:
+        return 1 << of["bound"]
+    safe = STOP
+    for action in range(MOVE_LEFT, MOVE_RIGHT + 1):
+        if bits >> action & 1 and is_safe(batch, slot, mode, train, action, signals):
+            safe |= 1 << action
+    return safe
 
 
 @bare_kernel
 def grant(batch: Batch, slot: int, mode: int, train: int, action: int, signals: Signals) -> None:
-    """A train takes an action: whoever is asked later in this step is told as much."""
+    """A train takes an action that it is allowed: whoever is asked later in this step is told as much."""
+    is_bound = batch.trains[slot, train]["bound"] != NOTHING  # then it has its route
+    if mode < SAFE or is_bound or not MOVE_LEFT <= action <= MOVE_RIGHT:
+        return
+    length = set_route(batch, slot, train, action, signals)
+    lock(signals.cells, signals.trains[train], signals.routes[train], length)
+    signals.cells[signals.routes[train, 0] >> 2]["occupant"] = train
+    rest_all(batch, slot, signals)
+
+
+@bare_kernel
+def set_route(batch: Batch, slot: int, at: int, action: int, signals: Signals) -> int:
+    """Write down the route that an action leads to; returns its length, 0 if there is no way home from it."""
+    train, route, distance = batch.trains[slot, at], signals.routes[at], batch.distances[slot, at]
+    codes, on_map = batch.codes[slot], int(signals.trains[at]["length"])
+    to = leave(codes, batch.leads[slot], int(train["config"]), action) if on_map else int(train["start"])
+    if distance[to] == UNREACHED:
+        return 0
+    route[on_map] = to
+    return run_on(codes, distance, route, on_map + 1, signals.numbers)
+
+
+@bare_kernel
+def is_safe(batch: Batch, slot: int, mode: int, at: int, action: int, signals: Signals) -> bool:
+    """Whether a train's route after an action is free, leads somewhere, and leaves everybody a way home."""
+    trains, of, n_trains = signals.trains, signals.trains[at], batch.worlds[slot]["trains"]
+    on_map = int(of["length"])
+    length = set_route(batch, slot, at, action, signals)
+    if length == 0 or not is_free(signals, at, on_map, length):
+        return False
+    cell = signals.cells[signals.routes[at, 0] >> 2]
+    for other in range(n_trains):
+        trains[other]["kept"] = trains[other]["rest"]
+    of["length"], cell["occupant"] = length, at
+    settle(batch, slot, signals)
+    goes = of["rest"] >= on_map or of["rest"] == NOTHING
+    proven = is_proven(batch, slot, signals, mode == PLANNED and goes) and goes
+    of["length"] = on_map
+    if not on_map:
+        cell["occupant"] = NOTHING
+    for other in range(n_trains):
+        trains[other]["rest"] = trains[other]["kept"]
+    return proven
+
+
+@bare_kernel
+def rest_all(batch: Batch, slot: int, signals: Signals) -> None:
+    """Find out where trains rest; what they claim is forgotten again."""
+    settle(batch, slot, signals)
+    for at in range(batch.worlds[slot]["trains"]):
+        of = signals.trains[at]
+        if of["rest"] != NOTHING:
+            vanish(signals.cells, signals.routes[at], of["rest"], of["length"])
