@@ -25,6 +25,13 @@ NO_PLAN: Final = -2
 PATIENCE: Final = 4  # plans end after so many times what the slowest train would take if it were alone
 
 
+class Teacher(NamedTuple):
+    """Whom to ask for advice: how many orders of trains it tries, and the key of what it draws in an episode."""
+
+    orders: int
+    key: int
+
+
 class Desk(NamedTuple):
     """What planning takes in any world of a batch.
 
@@ -44,11 +51,20 @@ class Desk(NamedTuple):
     next: NDArray[np.int32]
 
 
-def desk_for(batch: Batch, steps: int) -> Desk:
-    """A desk for worlds of a batch with at most so many steps."""
-    trains = batch.trains.shape[1]
+def desk_for(batch: Batch, steps: int, before: Desk | None = None) -> Desk:
+    """A desk for worlds of a batch with at most so many steps: the one before, if that is large enough.
+
+    Raises:
+        ValueError: see `room_for`.
+    """
+    cells, trains = batch.cells.shape[1], batch.trains.shape[1]
+    if before is not None:
+        times, room_cells = before.room.held.shape
+        if times > steps and room_cells >= cells and len(before.order) >= trains:
+            return before
+        steps, cells, trains = max(steps, times - 1), max(cells, room_cells), max(trains, len(before.order))
     return Desk(
-        room=room_for(steps, batch.cells.shape[1]),
+        room=room_for(steps, cells),
         ways=np.empty((trains, steps + 1), np.int32),
         arrivals=np.empty(trains, np.int32),
         order=np.empty(trains, np.int64),
@@ -130,16 +146,16 @@ def advise(
         orders: of trains that are tried: by distance, then as draws of the key say, the same in all steps.
         key: of the episode's stream.
         desk: to work on.
-        labels: [N], filled in: STOP_MOVING to wait; NONE for those who did not ask, or find no way.
+        labels: [at least N], filled in: STOP_MOVING to wait; NONE for those who did not ask, or find no way.
     """
-    count = by_distance(batch, slot, desk.order)
+    trains, count = int(batch.worlds[slot]["trains"]), by_distance(batch, slot, desk.order)
     planned, steps, least = desk.order[:count], horizon(batch, slot), 1 << 60
     for number in range(orders):
         if number:
-            by_lot(planned, key, number * len(labels))
+            by_lot(planned, key, number * trains)
         spent = plan(batch, slot, planned, desk.room, steps, mode != CELLS, desk.ways, desk.arrivals, least)
         if spent < least:
             least = spent
             note(batch, slot, planned, steps, desk)
-    for at in range(len(labels)):
+    for at in range(trains):
         labels[at] = action_of(batch, slot, at, int(desk.next[at])) if deciding[at] else NONE

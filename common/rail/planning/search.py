@@ -25,6 +25,7 @@ from common.rail.planning.rails import can_leave
 from common.rail.world import MOVE_FORWARD
 
 FREE: Final = -1
+LAST_SEARCH: Final = int(np.iinfo(np.int32).max)
 
 
 class Room(NamedTuple):
@@ -157,6 +158,15 @@ def halts(batch: Batch, slot: int, here: int) -> bool:
 
 
 @bare_kernel
+def begin_search(room: Room) -> None:
+    """Number a search; from the last number there is it goes back to the first."""
+    if room.searches[0] == LAST_SEARCH:
+        room.seen[:] = 0
+        room.searches[0] = 0
+    room.searches[0] += 1
+
+
+@bare_kernel
 def reach(room: Room, node: int, total: int, parent: int) -> None:
     """Put a node on its list, unless this search was there before."""
     if room.seen[node] != room.searches[0]:
@@ -202,7 +212,7 @@ def find(batch: Batch, slot: int, at: int, room: Room, steps: int, anywhere: boo
     per_cell, earliest = pace(batch, slot, at), ready(batch, slot, at)
     way[: steps + 1] = NOWHERE
     room.open[: steps + 1] = NOTHING
-    room.searches[0] += 1
+    begin_search(room)
     total = soonest(batch, slot, at, steps)
     if origin != NOWHERE and not is_at_end(batch, slot, at) and halts(batch, slot, origin):
         total = 2 * steps

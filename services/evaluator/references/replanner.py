@@ -42,7 +42,7 @@ def heed(parts: Parts, orders: int, key: np.uint64, desk: Desk, actions: NDArray
         return
     labels = np.empty(len(actions), np.int8)
     advise(batch, 0, deciding, parts.decisions, orders, key, desk, labels)
-    begin(batch, 0, mode, signals)
+    begin(batch, 0, mode, parts.decisions, signals)
     train = next_asked(batch, 0, deciding, signals)
     while train != NOTHING:
         bits = allowed(batch, 0, mode, train, signals)
