@@ -70,11 +70,10 @@ def asking_of(  # noqa: PLR0913
 def allowed_each(  # noqa: PLR0913
     batch: Batch, slot: int, mode: int, decisions: int, signals: Signals, bits: NDArray[np.uint8]
 ) -> None:
-    """Fill `bits` [at least N] with what each train of a slot would be allowed if it were asked before all others.
+    """Fill `bits` [at least N] with what each train would be allowed if it were asked before all others.
 
-    Who has arrived, or does not exist, is forbidden nothing.
+    Those of trains that have arrived, or do not exist, stay as they are.
     """
-    bits[:] = ALL_ACTIONS
     begin(batch, slot, mode, decisions, signals)
     for train in range(batch.worlds[slot]["trains"]):
         if batch.trains[slot, train]["state"] != DONE:

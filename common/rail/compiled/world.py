@@ -17,7 +17,7 @@ from common.rail.compiled.decisions import DECISIONS, Decisions
 from common.rail.compiled.looking import look_at_all
 from common.rail.compiled.malfunctions import WHOLE, MalfunctionGenerators, seeded
 from common.rail.compiled.tree import LEGACY, N_NODE_FEATURES, STOCK, Sight, nodes_of, sight_of
-from common.rail.interlocking.signals import INTERLOCKINGS, Interlocking, Signals, signals_for
+from common.rail.interlocking.signals import ALL_ACTIONS, INTERLOCKINGS, OFF, Interlocking, Signals, signals_for
 from common.rail.observations.table import AnyObservation, header_of, look
 from common.rail.observations.tree import TreeObservation
 from common.rail.orders import Orders, orders_of
@@ -229,8 +229,9 @@ class CompiledWorld:
 
     def allowed(self, slot: int) -> NDArray[np.uint8]:
         """As `World.allowed`."""
-        bits = np.empty(self.max_trains, np.uint8)
-        allowed_each(self.batch, slot, self._interlocking, self._decisions, self._signals, bits)
+        bits = np.full(self.max_trains, ALL_ACTIONS, np.uint8)
+        if self._interlocking != OFF:
+            allowed_each(self.batch, slot, self._interlocking, self._decisions, self._signals, bits)
         return bits
 
     def advise(self, slot: int, teacher: Teacher) -> NDArray[np.int8]:

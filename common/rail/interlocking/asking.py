@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
 """Asking for actions: within a step trains are asked one after another, and what is granted binds those after.
 
     begin(...)                                    # once a step
@@ -88,7 +89,8 @@ def waits(batch: Batch, slot: int, at: int, deciding: NDArray[np.bool_], signals
 def is_open(signals: Signals, deciding: NDArray[np.bool_], at: int, cell: int) -> bool:
     """Whether another train is in a cell that has still to be asked."""
     other = signals.cells[cell]["occupant"]
-    return bool(other != NOTHING and other != at and deciding[other] and not signals.trains[other]["asked"])
+    somebody = other != NOTHING and other != at  # noqa: PLR1714  (numba wants numbers of one kind)
+    return bool(somebody and deciding[other] and not signals.trains[other]["asked"])
 
 
 @bare_kernel
@@ -119,7 +121,7 @@ def allowed(batch: Batch, slot: int, mode: int, train: int, signals: Signals) ->
     if mode == VALID or not decides(of, codes, batch.worlds[slot]["unit"], int(signals.numbers[DECISIONS])):
         return bits
     if of["bound"] != NOTHING:
-        return 1 << of["bound"]
+        return int(1 << of["bound"])
     safe = STOP
     for action in range(MOVE_LEFT, MOVE_RIGHT + 1):
         if bits >> action & 1 and is_safe(batch, slot, mode, train, action, signals):

@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
 """Proofs that all trains on the map can still run to their targets.
 
 A train *claims* the cells from where it rests to the end of its route. It can run home if nobody else rests before it
@@ -63,7 +64,7 @@ def resting_place(
     for place in range(1, length):
         cell = cells[route[place] >> 2]
         other = cell["occupant"]
-        if other != NOTHING and other != at and trains[other]["rest"] == UNKNOWN:
+        if other >= 0 and other != at and trains[other]["rest"] == UNKNOWN:
             return UNKNOWN
         if cell["resting"] != NOTHING:
             return place - 1
@@ -105,25 +106,30 @@ def is_proven(batch: Batch, slot: int, signals: Signals, steps_aside: bool) -> b
 
 @bare_kernel
 def send_home(batch: Batch, slot: int, signals: Signals, count: int, remain: int) -> int:
-    """Let everyone run home who can of the `remain` who are left.
+    """Let everyone run home who can of the `remain` who are left; whoever needs a detour only when nobody else can.
 
     They are noted after the `count` who got home before; returns how many there are now.
     """
     trains, n_trains = signals.trains, batch.worlds[slot]["trains"]
-    before, end = -1, count + remain
-    while before != count and count != end:
+    end, straight = count + remain, True
+    while count != end:
         before = count
         for at in range(n_trains):
-            if trains[at]["left"] and runs_home(batch, slot, signals, at):
+            if trains[at]["left"] and runs_home(batch, slot, signals, at, straight):
                 trains[at]["left"] = False
                 trains[count]["home"] = at
                 count += 1
+                if not straight:
+                    break
+        if not straight and count == before:
+            break
+        straight = count != before
     return count
 
 
 @bare_kernel
-def runs_home(batch: Batch, slot: int, signals: Signals, at: int) -> bool:
-    """Whether a train can run home while the others stand; then it does."""
+def runs_home(batch: Batch, slot: int, signals: Signals, at: int, straight: bool) -> bool:
+    """Whether a train can run home while the others stand, `straight` on the shortest way or on any; then it does."""
     cells, route = signals.cells, signals.routes[at]
     rest, length = int(signals.trains[at]["rest"]), int(signals.trains[at]["length"])
     if is_hindered(cells, route, rest, length):
@@ -131,41 +137,39 @@ def runs_home(batch: Batch, slot: int, signals: Signals, at: int) -> bool:
     distance, end = batch.distances[slot, at], int(route[length - 1])
     vanish(cells, route, rest, length)
     codes, leads = batch.codes[slot], batch.leads[slot]
-    if distance[end] == 0 or reaches(codes, leads, distance, end, cells, signals.search, signals.numbers):
-        return True
-    stand(cells, route, rest, length, at)
-    return False
+    if straight:
+        free = is_clear(codes, leads, distance, end, cells)
+    else:
+        free = search(codes, leads, distance, end, cells, signals.search, signals.numbers) == NOTHING
+    if not free:
+        stand(cells, route, rest, length, at)
+    return free
 
 
 @bare_kernel
 def is_hindered(cells: NDArray[np.void], route: NDArray[np.int32], rest: int, length: int) -> bool:
     """Whether somebody else rests before a train on its route."""
+    hindered = False
     for place in range(rest + 1, length):
-        if cells[route[place] >> 2]["resting"] != NOTHING:
-            return True
-    return False
+        hindered = hindered or cells[route[place] >> 2]["resting"] != NOTHING
+    return hindered
 
 
 @bare_kernel
-def reaches(
+def is_clear(
     codes: NDArray[np.int32],
     leads: NDArray[np.int32],
     distance: NDArray[np.int16],
     end: int,
     cells: NDArray[np.void],
-    room: NDArray[np.int32],
-    numbers: NDArray[np.int32],
 ) -> bool:
-    """Whether a train can go from the end of its route to its target over cells that nobody claims."""
+    """Whether nobody claims a cell of the shortest way from the end of a route to the target."""
     here = end
-    while True:  # the shortest way
+    while distance[here] != 0:
         here = onward(codes, leads, distance, here)
-        if here == NOTHING:
+        if here == NOTHING or cells[here >> 2]["claims"] != 0:
             return False
-        if cells[here >> 2]["claims"] != 0:
-            return search(codes, leads, distance, end, cells, room, numbers) == NOTHING
-        if distance[here] == 0:
-            return True
+    return True
 
 
 @bare_kernel
@@ -195,7 +199,7 @@ def search(
     room: NDArray[np.int32],
     numbers: NDArray[np.int32],
 ) -> int:
-    """Go wherever nobody claims a cell: NOTHING once the target is there, else how many places of the queue were seen."""
+    """Go wherever nobody claims a cell: NOTHING once the target is there, else how many places were seen, as queued."""
     queue, stamps = room[QUEUE], room[STAMPS]
     numbers[SEARCHES] += 1
     stamp = numbers[SEARCHES]

@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
 
 from common.policy import choosing
 from common.policy.acting import EpsilonGreedy
@@ -40,6 +43,22 @@ def test_random_actions_are_any_of_those_allowed_with_the_same_chance():
     shares = np.bincount(actions, minlength=4) / n
     assert shares[1] == 0
     assert (np.abs(shares[[0, 2, 3]] - 1 / 3) < 0.04).all()
+
+
+@settings(deadline=None)
+@given(npst.arrays(np.float32, 5, elements=st.floats(-30, 30, width=32)), st.integers(1, 31), st.integers(0, 2**31))
+def test_what_is_not_allowed_is_as_if_the_network_did_not_have_it(scores, allowed, counter):
+    actions = [action for action in range(5) if allowed >> action & 1]
+    few, everything = scores[actions].copy(), (1 << len(actions)) - 1
+    draws = np.uint64(KEY), np.uint64(counter)
+    assert choosing.best(scores, allowed) == actions[choosing.best(few, everything)]
+    for epsilon in (0.0, 0.5, 1.0):
+        chosen = choosing.epsilon_greedy(few, everything, epsilon, *draws)
+        assert choosing.epsilon_greedy(scores, allowed, epsilon, *draws) == actions[chosen]
+    chosen = choosing.softmax_sample(few, everything, *draws)
+    assert choosing.softmax_sample(scores, allowed, *draws) == actions[chosen]
+    expected = choosing.log_probability(few, everything, chosen)
+    assert choosing.log_probability(scores, allowed, actions[chosen]) == expected
 
 
 def masked(allowed):

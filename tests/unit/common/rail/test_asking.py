@@ -1,0 +1,42 @@
+"""Rounds of questions on the compiled world, and what trains are told that are not asked."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_rails import EAST, ring, scheduled
+
+from common.levels.supply import LevelSupply
+from common.rail.compiled.arrays import BROKEN_OFF_MAP, MOVING, READY
+from common.rail.compiled.world import CompiledWorld
+from common.rail.world import MOVE_FORWARD, STOP_MOVING
+
+
+@pytest.mark.parametrize(("mode", "then"), [("off", MOVING), ("valid", MOVING), ("safe", READY), ("planned", READY)])
+def test_a_repaired_train_comes_onto_the_map_when_it_is_asked(mode, then):
+    world = CompiledWorld(1, 1, rules="stock", interlocking=mode)
+    world.load(0, replace(scheduled(ring(10, (0, 4, EAST))), targets=np.array([[9, 4]], np.int32)))
+    train, nobody_decides = world.batch.trains[0, 0], np.zeros((1, 1), np.int8)
+    train["malfunction"] = 2
+    for state in (BROKEN_OFF_MAP, BROKEN_OFF_MAP, then):
+        world.step(nobody_decides)
+        assert train["state"] == state
+
+
+@pytest.mark.parametrize("mode", ["off", "valid", "safe", "planned"])
+def test_everybody_who_decides_is_asked_once(mode):
+    world = CompiledWorld(1, 7, interlocking=mode)
+    world.load(0, LevelSupply().training("hard", 1))
+    asked = set()
+    while not world.over()[0]:
+        actions, seen = np.full((1, 7), STOP_MOVING, np.int8), []
+        asking = world.ask(0)
+        for train, allowed in asking:
+            assert allowed
+            actions[0, train] = MOVE_FORWARD if allowed >> MOVE_FORWARD & 1 else allowed.bit_length() - 1
+            asking.grant(train, int(actions[0, train]))
+            seen.append(train)
+        assert sorted(seen) == np.flatnonzero(world.deciding()[0]).tolist()
+        asked |= set(seen)
+        world.step(actions)
+    assert asked == set(range(7))
