@@ -18,9 +18,11 @@ Reference = Literal[
     "deadlock-avoidance",
     "deadlock-avoidance-entering",
     "planner",
+    "planner-replanned",
     "alone",
 ]
-DRAWING: tuple[Reference, ...] = ("random", "planner")  # references that draw
+PLANNING: tuple[Reference, ...] = ("planner", "planner-replanned")  # references that try orders of trains
+DRAWING: tuple[Reference, ...] = ("random", *PLANNING)  # references that draw
 ORDERS = 50
 EPISODES = 100  # evaluation levels, if no number is given and so many are held out
 
@@ -66,7 +68,7 @@ class ScoreRequest(Strict):
 
 
 class ReferenceRequest(Strict):
-    """A reference policy shall be scored; `orders` are those of trains that the planner tries."""
+    """A reference policy shall be scored; `orders` are those of trains that planners try."""
 
     policy: Reference
     draws: int = Field(default=0, ge=0)

@@ -99,6 +99,7 @@ def choose(
     header: NDArray[np.int64],
     scores: NDArray[np.float32],
     allowed: int,
+    label: int,
     greedy: bool,
     epsilon: float,
     key: np.uint64,
@@ -106,19 +107,23 @@ def choose(
 ) -> int:
     """An action by scores [A]: epsilon-greedily by action values, or as softmax of logits says; or the best.
 
+    A policy that has a teacher does as that would with the probability `epsilon`, by the second draw.
+
     Args:
         header: of the network, see `common.policy.packing`.
         scores: [A].
         allowed: actions.
+        label: what a teacher would do, or NOTHING.
         greedy: take the best; the draws are not looked at.
-        epsilon: only for action values.
+        epsilon: of action values, how probable any action is; of a policy, what a teacher would do if that is allowed.
         key: of the episode's stream of exploration.
         counter: of this decision.
     """
     if greedy:
         return best(scores, allowed)
     if is_policy(header):
-        return softmax_sample(scores, allowed, key, counter)
+        is_taught = label != NOTHING and allowed >> label & 1 and uniform(key, counter + _ONE) < epsilon
+        return label if is_taught else softmax_sample(scores, allowed, key, counter)
     return epsilon_greedy(scores, allowed, epsilon, key, counter)
 
 

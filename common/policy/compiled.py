@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import kernel
-from common.policy.choosing import choose, draw_counter, is_policy, log_probability
+from common.policy.choosing import NOTHING, choose, draw_counter, is_policy, log_probability
 from common.policy.flat import Arrays
 from common.policy.packing import Layout
 from common.policy.twin import forward
@@ -34,6 +34,7 @@ def choose_rows(
     header: NDArray[np.int64],
     outputs: NDArray[np.float32],
     allowed: NDArray[np.uint8],
+    labels: NDArray[np.int8],
     greedy: bool,
     epsilons: NDArray[np.float64],
     keys: NDArray[np.uint64],
@@ -47,8 +48,9 @@ def choose_rows(
         header: of the network.
         outputs: [R, O].
         allowed: [R], actions, a bit each.
+        labels: [R], what a teacher would do, or NOTHING.
         greedy: take the best; the draws are not looked at.
-        epsilons: [R], only for action values.
+        epsilons: [R], see `choosing.choose`.
         keys: [R], of the episodes' streams of exploration.
         counters: [R], of the decisions (`choosing.draw_counter`).
         actions: [R], overwritten.
@@ -57,7 +59,7 @@ def choose_rows(
     n_actions = header[2]
     for row in range(len(outputs)):
         scores, bits = outputs[row, :n_actions], int(allowed[row])
-        action = choose(header, scores, bits, greedy, epsilons[row], keys[row], counters[row])
+        action = choose(header, scores, bits, int(labels[row]), greedy, epsilons[row], keys[row], counters[row])
         actions[row] = action
         log_probabilities[row] = log_probability(scores, bits, action) if is_policy(header) else 0.0
 
@@ -99,25 +101,32 @@ class Chooser(Protocol):
         counters: NDArray[np.uint64],
         state: NDArray[np.float32] | None = None,
         allowed: NDArray[np.uint8] | None = None,
+        labels: NDArray[np.int8] | None = None,
         *,
         greedy: bool = False,
     ) -> Choices:
-        """What R trains do; see `choose_rows` and `outputs` for the arguments. All actions are allowed if not given."""
+        """What R trains do; see `choose_rows` and `outputs` for the arguments.
+
+        All actions are allowed, and there is no teacher, if not given.
+        """
         outputs = self.outputs(observations, state)
+        advice = np.full(len(outputs), NOTHING, np.int8) if labels is None else labels
         bits = np.full(len(outputs), ALL_ACTIONS, np.uint8) if allowed is None else allowed
         actions, log_probabilities = np.empty(len(outputs), np.int8), np.empty(len(outputs), np.float32)
-        choose_rows(self.header, outputs, bits, greedy, epsilons, keys, counters, actions, log_probabilities)
+        choose_rows(self.header, outputs, bits, advice, greedy, epsilons, keys, counters, actions, log_probabilities)
         return Choices(actions, outputs, log_probabilities)
 
     def in_episode(self, epsilon: float, key: int, states: NDArray[np.float32], *, greedy: bool = False) -> Choose:
         """The choices of an episode whose trains carry `states` [N, S] along; see `act` for the other arguments."""
         keys, epsilons = np.array([key], np.uint64), np.array([epsilon])
 
-        def decide(observation: NDArray[np.float32], step: int, train: int, allowed: int = ALL_ACTIONS) -> Decision:
+        def decide(
+            observation: NDArray[np.float32], step: int, train: int, allowed: int = ALL_ACTIONS, label: int = NOTHING
+        ) -> Decision:
             counters = np.array([draw_counter(step, len(states), train)], np.uint64)
             state = states[train : train + 1]
-            bits = np.array([allowed], np.uint8)
-            choices = self.act(observation[None], epsilons, keys, counters, state, bits, greedy=greedy)
+            told = np.array([allowed], np.uint8), np.array([label], np.int8)
+            choices = self.act(observation[None], epsilons, keys, counters, state, *told, greedy=greedy)
             value = float(choices.outputs[0, -1]) if self.is_policy else 0.0
             return Decision(int(choices.actions[0]), float(choices.log_probabilities[0]), value)
 

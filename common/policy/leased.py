@@ -9,6 +9,7 @@ from common.config import RunConfig
 from common.levels.supply import LevelSupply
 from common.policy.compiled import Chooser
 from common.policy.player import Acting, Players
+from common.rail.planning.advising import Teacher
 from common.records.acting import Lease
 from common.records.course import Course
 from common.seeding import stream_key, training_malfunction_seed
@@ -22,6 +23,7 @@ class LeasePlayer:
     ) -> None:
         """`chooser` has to hold the weights that a lease names; `on_step` is called as by `Players`."""
         self._seed = config.seed
+        self._orders = config.learning.orders_of_teacher
         self._levels = levels
         self._chooser = chooser
         self._players = Players(config, chooser, on_step)
@@ -36,10 +38,13 @@ class LeasePlayer:
     def act(self, lease: Lease) -> Course:
         """What happens under a lease."""
         states = self._stand_at(lease)
-        acting = Acting(self._chooser, lease.epsilon, self._key(lease.episode))
+        acting = Acting(self._chooser, lease.epsilon, self._key(lease.episode), teacher=self._teacher(lease.episode))
         course = self._players.of(lease.level).advance(acting, states, lease.steps)
         self._stands_at = (lease.episode, course.last_step)
         return course
+
+    def _teacher(self, episode: int) -> Teacher | None:
+        return Teacher(self._orders, stream_key(self._seed, episode, "teacher")) if self._orders else None
 
     def _key(self, episode: int) -> int:
         """Of the episode's stream of exploration, which its next fragment needs again."""

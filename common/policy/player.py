@@ -12,6 +12,7 @@ from common.levels.level import Level
 from common.policy.compiled import Chooser, Twin
 from common.policy.packing import Layout
 from common.rail.compiled.world import CompiledWorld
+from common.rail.planning.advising import Teacher
 from common.rail.play import Stage
 from common.rail.world import N_ACTIONS
 from common.records.course import Course
@@ -25,13 +26,15 @@ Engine = Literal["compiled", "flatland"]
 class Acting(NamedTuple):
     """How trains choose: a network, its exploration and the key of the episode's stream of exploration.
 
-    Policies are sampled, action values taken epsilon-greedily, unless `greedy`.
+    Policies are sampled, action values taken epsilon-greedily, unless `greedy`. A teacher is asked for every decision;
+    policies do as it would with the probability `epsilon`.
     """
 
     twin: Chooser
     epsilon: float = 0.0
     key: int = 0
     greedy: bool = False
+    teacher: Teacher | None = None
 
 
 class Player(Protocol):
@@ -143,4 +146,4 @@ class Stepped:
 
     def advance(self, acting: Acting, states: NDArray[np.float32], steps: int | None = None) -> Course:
         choose = acting.twin.in_episode(acting.epsilon, acting.key, states, greedy=acting.greedy)
-        return self._stage.advance(choose, states, steps)
+        return self._stage.advance(choose, states, steps, acting.teacher)

@@ -6,7 +6,7 @@ compiled code instead of from Python.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,29 @@ from common.rail.compiled.world import CompiledWorld, Parts
 from common.rail.interlocking.asking import allowed, begin, grant, next_asked
 from common.rail.interlocking.signals import ALL_ACTIONS
 from common.rail.observations.table import look
+from common.rail.planning.advising import Desk, Teacher, advise, desk_for
 from common.rail.world import MOVE_FORWARD
 from common.records.course import NONE, Course, Decisions, columns
 
 ROOM_BYTES = 8 << 20  # of what is noted before Python takes it away: the study's episodes fit in
 ROOM_STEPS = 2048
+
+
+class Teaching(NamedTuple):
+    """A teacher as compiled code asks it: see `common.rail.planning.advising`."""
+
+    orders: int
+    key: np.uint64
+    desk: Desk
+
+
+@bare_kernel
+def take_advice(parts: Parts, teaching: Any, labels: NDArray[np.int8]) -> None:
+    """Fill in what a teacher would have the trains of slot 0 do; nothing if there is none."""
+    if teaching is None:
+        labels[:] = NONE
+    else:
+        advise(parts.batch, 0, parts.deciding[0], parts.decisions, teaching.orders, teaching.key, teaching.desk, labels)
 
 
 @bare_kernel
@@ -74,6 +92,7 @@ def run(
     greedy: bool,
     epsilon: float,
     key: np.uint64,
+    teaching: Any,
     first_step: int,
     last_step: int,
     notes: Any,
@@ -88,8 +107,9 @@ def run(
         parameters: of the network.
         states: [N, S], what trains carry along; overwritten.
         greedy: take the best; the draws are not looked at.
-        epsilon: only for action values.
+        epsilon: see `choosing.choose`.
         key: of the episode's stream of exploration.
+        teaching: a `Teaching`, or None.
         first_step: steps of the episode before.
         last_step: where to stop if the episode goes on.
         notes: `common.records.course.Columns` with room for at least N decisions; overwritten.
@@ -104,6 +124,7 @@ def run(
     n_trains, n_actions = len(arrived_at), header[2]
     outputs, rows = np.empty((n_trains, n_actions + 1), np.float32), np.empty(n_trains, np.int64)
     doing = np.empty(parts.deciding.shape, np.int8)
+    labels = np.empty(parts.deciding.shape[1], np.int8)
     gained = np.empty(parts.deciding.shape, np.float32)
     decisions, step = 0, first_step
     while step < last_step and not parts.over[0]:
@@ -122,16 +143,17 @@ def run(
             for row in range(asking):
                 train = notes.trains[decisions + row]
                 forward_row(header, parameters, seen[row], states[train], outputs[row], places, values, sums)
+            take_advice(parts, teaching, labels)
             begin(parts.batch, 0, parts.interlocking, parts.decisions, parts.signals)
             for _ in range(asking):  # in another order than the rows, as what one is granted binds the next
                 train = next_asked(parts.batch, 0, parts.deciding[0], parts.signals)
                 bits = allowed(parts.batch, 0, parts.interlocking, train, parts.signals)
                 at, scores = decisions + rows[train], outputs[rows[train], :n_actions]
                 counter = np.uint64(draw_counter(step, n_trains, train))
-                action = choose(header, scores, bits, greedy, epsilon, key, counter)
+                action = choose(header, scores, bits, int(labels[train]), greedy, epsilon, key, counter)
                 grant(parts.batch, 0, parts.interlocking, train, action, parts.signals)
                 doing[0, train] = notes.actions[at] = action
-                notes.allowed[at] = bits
+                notes.allowed[at], notes.labels[at] = bits, labels[train]
                 notes.log_probabilities[at] = log_probability(scores, bits, action) if is_policy(header) else 0.0
                 notes.values[at] = outputs[rows[train], n_actions] if is_policy(header) else np.float32(0)
             decisions += asking
@@ -166,6 +188,7 @@ class Rollouts:
         max_trains = world.max_trains
         self._notes = columns(max(max_trains, room_bytes // (4 * n_features)), n_features)
         self._rewards = np.empty((room_steps, max_trains), np.float32)
+        self._desk: Desk | None = None  # of a teacher
 
     def begin(
         self, level: Level, malfunction_seed: int = 0, actions: NDArray[np.int8] = NO_ACTIONS, steps: int = 0
@@ -220,6 +243,7 @@ class Rollouts:
             acting.greedy,
             acting.epsilon,
             np.uint64(acting.key),
+            self._teaching(acting.teacher, parts),
             self._step,
             last_step,
             self._notes,
@@ -229,6 +253,12 @@ class Rollouts:
         self._step += steps
         noted = Decisions.made(**{name: column[:decisions].copy() for name, column in self._notes._asdict().items()})
         return noted, self._rewards[:steps, : len(self._arrived_at)].copy()
+
+    def _teaching(self, teacher: Teacher | None, parts: Parts) -> Teaching | None:
+        if teacher is None:
+            return None
+        self._desk = desk_for(parts.batch, int(parts.batch.worlds[0]["max_steps"]), self._desk)
+        return Teaching(teacher.orders, np.uint64(teacher.key), self._desk)
 
     def _look_back(self, parts: Parts, *, over: bool) -> NDArray[np.float32]:
         final = np.zeros((len(self._arrived_at), self._world.n_features), np.float32)

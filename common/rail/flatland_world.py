@@ -26,6 +26,7 @@ from common.rail.interlocking.signals import ALL_ACTIONS, INTERLOCKINGS, SAFE, I
 from common.rail.mirror import Mirror
 from common.rail.observations.table import AnyObservation
 from common.rail.orders import orders_of
+from common.rail.planning.advising import NONE, Teacher
 from common.rail.rewards.table import AnyReward
 from common.rail.world import DO_NOTHING, MOVE_FORWARD, check_level
 
@@ -76,11 +77,14 @@ class FlatlandEpisode:
         sight = sight_of(*told, self._env, level)
         self._mirror: Mirror | None = None
         if sight is None or self._pays_by_mirror or self._has_signals:
-            self._mirror = Mirror(
-                *(self._env, level, *told, settings.decisions, settings.reward, settings.interlocking, self._actions)
-            )
+            self._mirror = self._made_mirror()
         self._sight: Any = self._mirror if sight is None else sight
         self._look()
+
+    def _made_mirror(self) -> Mirror:
+        settings = self._settings
+        told = settings.observation, settings.rules, settings.bounds, settings.decisions, settings.reward
+        return Mirror(self._env, self.level, *told, settings.interlocking, self._actions)
 
     def step(self, actions: Sequence[int]) -> list[float]:
         """One step: the trains' rewards. A committed train follows its earlier action instead."""
@@ -134,6 +138,13 @@ class FlatlandEpisode:
         if self._mirror is None:
             return np.full(self.level.n_trains, ALL_ACTIONS, np.uint8)
         return self._mirror.allowed()
+
+    def advise(self, teacher: Teacher, deciding: NDArray[np.bool_]) -> NDArray[np.int8]:
+        """[N], as `World.advise`, for the trains of which `deciding` [N] holds."""
+        if self._mirror is None:
+            self._mirror = self._made_mirror()
+            self._mirror.update()
+        return self._mirror.advise(teacher, deciding)
 
     def unasked(self) -> list[int]:
         """[N]: what the trains are told that do not decide; see `common.rail.asking.unasked`."""
@@ -226,6 +237,13 @@ class FlatlandWorld:
     def score(self, slot: int) -> float:
         episode = self._episodes[slot]
         return float("nan") if episode is None else episode.score()
+
+    def advise(self, slot: int, teacher: Teacher) -> NDArray[np.int8]:
+        labels = np.full(self.max_trains, NONE, np.int8)
+        episode = self._episode(slot)
+        trains = episode.level.n_trains
+        labels[:trains] = episode.advise(teacher, self._deciding[slot, :trains])
+        return labels
 
     def ask(self, slot: int) -> Asking:
         episode = self._episode(slot)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from common.levels.level import Level
 from common.rail.interlocking.signals import ALL_ACTIONS
+from common.rail.planning.advising import Teacher
 from common.rail.world import MOVE_FORWARD, World
 from common.records.course import NONE, Course, Decisions
 
@@ -20,7 +21,8 @@ class Decision(NamedTuple):
     value: float = 0.0
 
 
-Choose = Callable[[NDArray[np.float32], int, int, int], Decision]  # observation [F], step, train, allowed actions
+# By observation [F], step and train; then, unless it is all and nothing, what is allowed, and what a teacher would do:
+Choose = Callable[..., Decision]
 
 
 class Stage:
@@ -51,22 +53,26 @@ class Stage:
         if next(given, None) is not None:
             raise ValueError(f"{len(actions)} actions do not fit the first {steps} steps of this level")
 
-    def advance(self, choose: Choose, states: NDArray[np.float32], steps: int | None = None) -> Course:
+    def advance(
+        self, choose: Choose, states: NDArray[np.float32], steps: int | None = None, teacher: Teacher | None = None
+    ) -> Course:
         """Play on, to the end or for at most `steps`; `states` [N, S] are those that `choose` changes."""
         level, first_step = self._level, self._step
         if level is None:
             raise ValueError("nothing to advance: begin an episode first")
         last_step = level.max_steps if steps is None else first_step + steps
-        observations, marks, allowed, chosen, rewards = [], [], [], [], []
+        observations, marks, allowed, chosen, labels, rewards = [], [], [], [], [], []
         while self._step < last_step and not self._world.over()[0]:
             seen = {train: self._world.observe(0, train) for train in self._deciding()}
-            made = self._ask(choose, seen)
+            advice = self._advice(teacher) if seen else []
+            made = self._ask(choose, seen, advice)
             for train, observation in seen.items():
                 bits, decision = made[train]
                 observations.append(observation)
                 marks.append((self._step, train))
                 allowed.append(bits)
                 chosen.append(decision)
+                labels.append(advice[train])
             rewards.append(self._take({train: decision.action for train, (_, decision) in made.items()}))
         count = len(chosen)
         times, trains = np.array(marks, np.int32).reshape(count, 2).T.copy()
@@ -79,6 +85,7 @@ class Stage:
             allowed=np.array(allowed, np.uint8),
             log_probabilities=taken[1].astype(np.float32),
             values=taken[2].astype(np.float32),
+            labels=np.array(labels, np.int8),
         )
         return Course(
             level_hash=level.content_hash,
@@ -98,11 +105,19 @@ class Stage:
         trains: list[int] = np.flatnonzero(self._world.deciding()[0]).tolist()
         return trains
 
-    def _ask(self, choose: Choose, seen: dict[int, NDArray[np.float32]]) -> dict[int, tuple[int, Decision]]:
+    def _advice(self, teacher: Teacher | None) -> list[int]:
+        if teacher is None:
+            return [NONE] * len(self._arrived_at)
+        advice: list[int] = self._world.advise(0, teacher).tolist()
+        return advice
+
+    def _ask(
+        self, choose: Choose, seen: dict[int, NDArray[np.float32]], advice: list[int]
+    ) -> dict[int, tuple[int, Decision]]:
         """What the deciding trains, which see these observations, are allowed and do; asked one after another."""
         made, asking = {}, self._world.ask(0)
         for train, allowed in asking:
-            decision = choose(seen[train], self._step, train, allowed)
+            decision = choose(seen[train], self._step, train, allowed, advice[train])
             asking.grant(train, decision.action)
             made[train] = allowed, decision
         return made

@@ -10,6 +10,7 @@ from common.levels.level import Level
 
 if TYPE_CHECKING:
     from common.rail.asking import Asking
+    from common.rail.planning.advising import Teacher
 
 N_ACTIONS = 5
 DO_NOTHING, MOVE_LEFT, MOVE_FORWARD, MOVE_RIGHT, STOP_MOVING = range(N_ACTIONS)
@@ -45,6 +46,13 @@ class World(Protocol):
         """[N]: what each train would be allowed if it were asked before all others, a bit for each action.
 
         All actions for those that have arrived, and where there is no interlocking.
+        """
+        ...
+
+    def advise(self, slot: int, teacher: "Teacher") -> NDArray[np.int8]:
+        """[N]: what a teacher would have the slot's deciding trains do, -1 for nothing in particular, and for others.
+
+        See `common.rail.planning.advising`.
         """
         ...
 

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from common.records.base import Array, Digest, Record
 
-NONE = -1  # not arrived
+NONE = -1  # not arrived; no advice
 
 
 class Decisions(Record):
@@ -24,6 +24,7 @@ class Decisions(Record):
         allowed: [D], what there was to choose from, a bit for each action.
         log_probabilities: [D], of the actions; zero for networks of action values.
         values: [D], of what was observed; zero for networks of action values.
+        labels: [D], what a teacher would have done, NONE if it knows nothing better, or there is none.
     """
 
     observations: Annotated[NDArray[np.float32], Array("float32", ("D", "F"))]
@@ -33,6 +34,7 @@ class Decisions(Record):
     allowed: Annotated[NDArray[np.uint8], Array("uint8", ("D",))]
     log_probabilities: Annotated[NDArray[np.float32], Array("float32", ("D",))]
     values: Annotated[NDArray[np.float32], Array("float32", ("D",))]
+    labels: Annotated[NDArray[np.int8], Array("int8", ("D",))]
 
     def __len__(self) -> int:
         return len(self.times)
@@ -103,6 +105,7 @@ class Course(Record):
             check_range("decisions.trains", self.decisions.trains, 0, trains)
             check_range("decisions.actions", self.decisions.actions, 0, 5)
             check_range("decisions.allowed", self.decisions.allowed, 1, 1 << 5)
+            check_range("decisions.labels", self.decisions.labels, NONE, 5)
             chosen = zip(self.decisions.actions.tolist(), self.decisions.allowed.tolist(), strict=True)
             if not all(bits >> action & 1 for action, bits in chosen):
                 raise ValueError("decisions.actions: one is not among those allowed")

@@ -29,15 +29,20 @@ class PpoConfig(Strict):
     max_gradient_norm: Positive = 0.5
 
 
-class PolicySettings(RuleSettings):
+class ActorCriticSettings(RuleSettings):
     """The settings of a rule that learns a policy from whole episodes."""
 
     network: NetworkConfig = ActorCriticConfig()
     discount: float = Field(default=0.99, gt=0, lt=1)  # a step; returns are scaled by 1 - discount
-    ppo: PpoConfig
 
     has_probabilities: ClassVar[bool] = True
 
     @property
     def learns_with_torch(self) -> bool:
         return self.brings_module or self.network.kind == "exits"
+
+
+class PolicySettings(ActorCriticSettings):
+    """The settings of a rule that makes clipped updates."""
+
+    ppo: PpoConfig

@@ -38,6 +38,11 @@ class RuleSettings(Strict):
         """The share of random actions in `episode` (0-based) of a run of `episodes`."""
         return 0.0
 
+    @property
+    def orders_of_teacher(self) -> int:
+        """Orders of trains that a planner tries where it says what it would do in each decision; 0: it is not asked."""
+        return 0
+
     def module(self, n_features: int, n_actions: int, seed: int) -> Any:  # noqa: ARG002
         """A `torch.nn.Module` of the rule's own to train and to act with; None: that of `network.kind`."""
         return None

@@ -21,7 +21,7 @@ __all__ = ["Refused", "decode", "encode", "encoding_of", "unpack"]
 
 R = TypeVar("R", bound=Record)
 
-SCHEMA_VERSION = 5  # 5: decisions say what was allowed; raise it when a record changes in any way
+SCHEMA_VERSION = 5  # 5: decisions say what was allowed and advised; raise it when a record changes in any way
 MAX_MESSAGE_BYTES = 300_000_000
 MOST_PROBLEMS = 100
 

@@ -56,10 +56,10 @@ def evaluate(
     ] = None,
     draws: Annotated[
         int | None,
-        typer.Option(help="Seed of what --sample, random and planner draw; default: the run's, for the policies 0."),
+        typer.Option(help="Seed of what --sample, random and planners draw; default: the run's, for the policies 0."),
     ] = None,
     orders: Annotated[
-        int | None, typer.Option(help="Of trains, the planner carries out the best plan of so many; default: 50.")
+        int | None, typer.Option(help="Of trains, planners carry out the best plan of so many; default: 50.")
     ] = None,
     file: Annotated[Path | None, typer.Option("--file", "-f", help="Run file (YAML) with levels of your own.")] = None,
     as_json: AsJson = False,
@@ -72,7 +72,7 @@ def evaluate(
     if is_reference:
         check_reference(checkpoint, draws, orders, sample=sample)
     elif orders is not None:
-        raise ConfigError("--orders: only planner tries orders of trains: leave it out")
+        raise ConfigError("--orders: only planners try orders of trains: leave it out")
     _check(levels, episodes, seed, draws, sample=sample)
     choice = LevelChoice(
         names=tuple(dict.fromkeys(level)) if level else None,

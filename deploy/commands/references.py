@@ -4,7 +4,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, get_args
 
-from common.requests import DRAWING, Reference
+from common.requests import DRAWING, PLANNING, Reference
 from common.strict import ConfigError
 from deploy.output import counted
 from deploy.runs import find_checkpoint
@@ -28,8 +28,8 @@ def check_reference(policy: str, draws: int | None, orders: int | None, *, sampl
     if sample is not None:
         given = "--sample" if sample else "--greedy"
         raise ConfigError(f"{given}: {policy} is no network whose actions could be drawn, or the best: leave it out")
-    if orders is not None and policy != "planner":
-        raise ConfigError(f"--orders: only planner tries orders of trains, {policy} does not: leave it out")
+    if orders is not None and policy not in PLANNING:
+        raise ConfigError(f"--orders: only planners try orders of trains, {policy} does not: leave it out")
     if orders is not None and orders < 1:
         raise ConfigError(f"--orders {orders}: use a number above 0")
     if draws is not None and policy not in DRAWING:
@@ -48,5 +48,6 @@ def heading(result: dict[str, Any]) -> str:
     if policy is None:
         trained = f"{result['algorithm']} after {counted(result['episode'], 'episode')}, {result['mode']}"
         return f"{result['checkpoint']}: {trained}"
-    notes = {"planner": f", the best of {result['orders']} orders", "alone": ": every train as if there were no others"}
-    return str(policy) + notes.get(policy, "")
+    if policy in PLANNING:
+        return f"{policy}, the best of {counted(result['orders'], 'order')}"
+    return f"{policy}: every train as if there were no others" if policy == "alone" else str(policy)

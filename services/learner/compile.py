@@ -17,12 +17,14 @@ SECTIONS = {
     "dqn": {"learning_rate": 1e-3, "batch_size": 8, "learn_every_steps": 30, "target_tau": 0.5},
     "ppo": {"learning_rate": 1e-3, "epochs": 1},
     "sil": {"epochs": 1, "batch_size": 8},
+    "imitation": {"learning_rate": 1e-3, "updates": 1, "batch_size": 8},
     "uniform": {"kind": "uniform", "capacity": 1000},
     "prioritized": {"kind": "prioritized", "capacity": 1000, "beta": 0},
 }
 RULES = {
     "dqn": {"dqn": "dqn", "replay": "uniform"},
     "drqn": {"dqn": "dqn", "replay": "prioritized"},
+    "imitate": {"imitation": "imitation", "replay": "uniform"},
     "sil": {"ppo": "ppo", "sil": "sil", "replay": "prioritized"},
 }
 HIDDEN = {"hidden": [16, 16]}

@@ -1,7 +1,7 @@
 """What earlier versions left in snapshots, as this one has it.
 
-Before schema 5 no decision said what was allowed: everything was. Before 4 arrays stood where their fields are, before
-3 a fragment was flat, without the lease that it answers.
+Before schema 5 no decision said what was allowed: everything was; nor was there a teacher. Before 4 arrays stood where
+their fields are, before 3 a fragment was flat, without the lease that it answers.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from common.rail.interlocking.signals import ALL_ACTIONS
 from common.records.acting import Circumstances, Fragment, Lease, Progressed
-from common.records.course import Course, Decisions
+from common.records.course import NONE, Course, Decisions
 
 RECORDS = (Circumstances, Course, Decisions)
 
@@ -25,7 +25,7 @@ def fragment_of_flat(flat: dict[str, Any], before: Sequence[Fragment]) -> Fragme
     Raises:
         ValueError, KeyError: this is no such fragment.
     """
-    flat = flat | _all_allowed(flat, flat)
+    flat = flat | _unsaid(flat, flat)
     parts = {record: {name: flat[name] for name in record.model_fields if name in flat} for record in RECORDS}
     decisions = Decisions(**parts[Decisions])
     course = Course(**parts[Course], decisions=decisions)
@@ -53,15 +53,16 @@ def fragment_of_mapping(plain: dict[str, Any]) -> Fragment:
         ValueError, KeyError: this is no such fragment.
     """
     course, decisions = plain["course"], plain["course"]["decisions"]
-    found = _all_allowed(course, decisions)
-    decisions = decisions | {"allowed": found.pop("allowed")}
+    found = _unsaid(course, decisions)
+    decisions = decisions | {name: found.pop(name) for name in ("allowed", "labels")}
     return Fragment.model_validate(plain | {"course": course | found | {"decisions": decisions}})
 
 
-def blocks_with_all_allowed(plain: list[Any]) -> list[Any]:
-    """The fields, lengths and blocks of a fragment of schema 4, with the block that came after."""
-    lengths = plain[1]
-    return [*plain, bytes([ALL_ACTIONS]) * (lengths["N"] + lengths["D"])]
+def blocks_of_now(plain: list[Any]) -> list[Any]:
+    """The fields, lengths and blocks of a fragment of schema 4 with what came after: labels, and what was allowed."""
+    whole, lengths, floats, long, short = plain
+    labels = np.full(lengths["D"], NONE, np.int8).tobytes()
+    return [whole, lengths, floats, long, short + labels, bytes([ALL_ACTIONS]) * (lengths["N"] + lengths["D"])]
 
 
 def with_all_allowed(state: Mapping[str, NDArray[Any]], column: str) -> Mapping[str, NDArray[Any]]:
@@ -71,6 +72,7 @@ def with_all_allowed(state: Mapping[str, NDArray[Any]], column: str) -> Mapping[
     return {**state, column: np.full(len(state["action_tm1"]), ALL_ACTIONS, np.uint8)}
 
 
-def _all_allowed(course: dict[str, Any], decisions: dict[str, Any]) -> dict[str, Any]:
+def _unsaid(course: dict[str, Any], decisions: dict[str, Any]) -> dict[str, Any]:
     counts = {"final_allowed": len(course["arrived_at"]), "allowed": len(decisions["times"])}
-    return {name: np.full(count, ALL_ACTIONS, np.uint8) for name, count in counts.items()}
+    allowed = {name: np.full(count, ALL_ACTIONS, np.uint8) for name, count in counts.items()}
+    return allowed | {"labels": np.full(counts["allowed"], NONE, np.int8)}

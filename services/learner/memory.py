@@ -10,7 +10,7 @@ from common.policy.flat import Arrays
 from common.records.acting import Fragment
 from common.wire.blocks import dtypes_of
 from common.wire.codec import decode, encode, encoding_of, unpack
-from services.learner.former import blocks_with_all_allowed, fragment_of_flat, fragment_of_mapping
+from services.learner.former import blocks_of_now, fragment_of_flat, fragment_of_mapping
 
 # What the names of its arrays begin with:
 OLDER, SETTLED, OPEN = "weights/", "settled/", "open/"
@@ -65,5 +65,5 @@ def _fragment(body: bytes, before: list[Fragment]) -> Fragment:
     if isinstance(plain, dict):
         return fragment_of_mapping(plain) if "lease" in plain else fragment_of_flat(plain, before)
     if len(plain) == 1 + len(dtypes_of(Fragment)):  # before schema 5
-        body = Packer().pack(blocks_with_all_allowed(plain))
+        body = Packer().pack(blocks_of_now(plain))
     return decode(Fragment, encoding_of(Fragment), body)

@@ -13,7 +13,7 @@ from common.policy.first_weights import first_actor_critic
 from common.policy.flat import Arrays
 from common.records.acting import Fragment
 from common.records.course import Course
-from common.rules.policies import PolicySettings, PpoConfig
+from common.rules.policies import ActorCriticSettings, PpoConfig
 from services.learner.experience import Experience
 from services.learner.fused.policy import FusedPolicy, Imitation
 from services.learner.learning import Learning, by_part, means
@@ -59,6 +59,13 @@ class Policy(Protocol):
             Its numbers [6]: as `policy_losses` names them, the norm of all gradients, the loss. And the gains [B].
         """
 
+    def clone(self, value_weight: float, learning_rate: float, x: SparseRows, batch: Experience) -> NDArray[np.float64]:
+        """Make an update of `algorithms.imitate`, unless its loss is not finite.
+
+        Returns:
+            Its numbers [5]: as `policy_losses` names them, the norm of all gradients, the loss.
+        """
+
     def weights(self) -> Arrays:
         """A copy of the parameters that actors act with."""
 
@@ -69,10 +76,10 @@ class Policy(Protocol):
         """Take on a `state`; ValueError names the tensor that does not fit."""
 
 
-def build_network(learning: Learning[PolicySettings]) -> Policy:
+def build_network(learning: Learning[ActorCriticSettings], learning_rate: float, max_gradient_norm: float) -> Policy:
     """The network of a run as its seed makes it: trained in compiled code, or by autograd if it has none."""
     settings, sizes = learning.settings, (learning.n_features, learning.n_actions, learning.seed)
-    how = settings.ppo.learning_rate, settings.ppo.max_gradient_norm
+    how = learning_rate, max_gradient_norm
     if not settings.learns_with_torch:
         return FusedPolicy(first_actor_critic(settings.network, *sizes), *how)
     from common.policy.exits import build_exits  # noqa: PLC0415  (torch takes seconds)
@@ -85,7 +92,7 @@ def build_network(learning: Learning[PolicySettings]) -> Policy:
 class PolicyTrainer:
     """A `services.learner.learning.Trainer` around a rule and the network that the rule trains."""
 
-    def __init__(self, learning: Learning[PolicySettings], network: Policy, rule: PolicyRule) -> None:
+    def __init__(self, learning: Learning[ActorCriticSettings], network: Policy, rule: PolicyRule) -> None:
         self._discount = learning.settings.discount
         self._least_reward = learning.least_reward
         self._network = network
@@ -108,7 +115,8 @@ class PolicyTrainer:
         n_features = decisions.observations.shape[1]
         if n_features != self._network.n_features:
             raise ValueError(f"episode {episode} has {n_features} features, the network {self._network.n_features}")
-        rows = self._rule.learn(self._experience(fragment.course)) if len(decisions) else []
+        course = self._lesson(fragment.course)
+        rows = self._rule.learn(self._experience(course)) if len(course.decisions) else []
         return {
             "updates": float(len(rows)),
             "transitions": float(len(decisions)),
@@ -142,6 +150,10 @@ class PolicyTrainer:
         parts = by_part(state, "learner", "rule")
         self._network.restore(parts["learner"])
         self._rule.restore(parts["rule"])
+
+    def _lesson(self, course: Course) -> Course:
+        """What is to be learned of an episode."""
+        return course
 
     def _experience(self, course: Course) -> Experience:
         values = self._network.values(sparse_rows(_own(course.final_observations)))

@@ -29,14 +29,16 @@ def made_up_episode(number: int) -> Fragment:
     buffer = np.empty(shift + count * N_FEATURES, np.float32)
     observations = buffer[shift:].reshape(count, N_FEATURES)
     observations[:] = -rng.random((count, N_FEATURES), np.float32)
+    actions = rng.integers(0, N_ACTIONS, count, np.int8)
     decisions = Decisions(
         observations=observations,
         times=np.repeat(np.arange(STEPS, dtype=np.int32), TRAINS),
         trains=np.tile(np.arange(TRAINS, dtype=np.int32), STEPS),
-        actions=rng.integers(0, N_ACTIONS, count, np.int8),
+        actions=actions,
         allowed=np.full(count, ALL_ACTIONS, np.uint8),
         log_probabilities=np.zeros(count, np.float32),
         values=np.zeros(count, np.float32),
+        labels=actions,
     )
     course = Course(
         level_hash="0" * 32,

@@ -10,6 +10,7 @@ from common.policy.networks import build_network, export_parameters
 from common.policy.player import Acting, compiled_world, network_layout, play, player
 from common.policy.recurrent import build_recurrent_network
 from common.policy.rollout import Rollouts
+from common.rail.planning.advising import Teacher
 from common.records.acting import digest_of
 from common.records.course import Course, Decisions
 from common.rules.settings import NetworkConfig
@@ -69,6 +70,22 @@ def test_both_engines_grant_the_same_actions(interlocking, kind):
     free = play(study_player("compiled"), level, acting)
     assert (free.decisions.allowed == 31).all()
     assert (free.final_allowed == 31).all()
+
+
+@pytest.mark.parametrize("interlocking", ["off", "safe"])
+def test_both_engines_hear_the_same_from_a_teacher(interlocking):
+    acting = Acting(twin_of("actor-critic", seed=3), epsilon=0.6, key=77, teacher=Teacher(orders=3, key=5))
+    level = LevelSupply().training("hard", 1)
+    compiled, flatland = (play(study_player(engine, interlocking=interlocking), level, acting) for engine in ENGINES)
+    assert same(compiled, flatland)
+    labels, actions = compiled.decisions.labels, compiled.decisions.actions
+    assert set(labels.tolist()) <= {-1, 1, 2, 3, 4}
+    assert 0.5 < (labels == actions)[labels >= 0].mean() < 0.95
+    untaught = play(study_player("compiled"), level, acting._replace(teacher=None))
+    assert (untaught.decisions.labels == -1).all()
+    obedient = play(study_player("compiled"), level, acting._replace(epsilon=1.0))
+    assert (obedient.decisions.labels == obedient.decisions.actions).all()
+    assert (obedient.arrived_at >= 0).all()
 
 
 @pytest.mark.parametrize("greedy", [False, True])

@@ -97,6 +97,7 @@ def episode(number: int, rows: NDArray[np.float32], decisions: int) -> Fragment:
             trains=np.arange(decisions, dtype=np.int32) % TRAINS,
             actions=rng.integers(N_ACTIONS, size=decisions).astype(np.int8),
             allowed=np.full(decisions, ALL_ACTIONS, np.uint8),
+            labels=np.full(decisions, -1, np.int8),
             log_probabilities=np.full(decisions, -np.log(N_ACTIONS), np.float32),
             values=-rng.random(decisions, np.float32),
         ),

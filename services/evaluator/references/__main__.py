@@ -7,7 +7,7 @@ from common.levels.chunks import BankError
 from common.levels.distributions import shipped
 from common.levels.files import LevelFileError
 from common.policy.player import compiled_world
-from common.requests import DRAWING, ReferenceRequest, asked
+from common.requests import DRAWING, PLANNING, ReferenceRequest, asked
 from common.task import carry_out, say
 from common.world import WorldSpec
 from services.evaluator.references.policies import reference_policy
@@ -31,7 +31,7 @@ def score(request: ReferenceRequest) -> None:
             "mode": None,
             "draws": request.draws if request.policy in DRAWING else None,
             "policy": request.policy,
-            "orders": request.orders if request.policy == "planner" else None,
+            "orders": request.orders if request.policy in PLANNING else None,
             "rows": rows,
         }
     )

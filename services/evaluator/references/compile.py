@@ -7,7 +7,13 @@ from common.requests import LevelChoice, Reference, ReferenceRequest
 from common.task import carry_out
 from services.evaluator.references.__main__ import score
 
-POLICIES: tuple[Reference, ...] = ("shortest-path", "shortest-path-safe", "deadlock-avoidance", "planner")
+POLICIES: tuple[Reference, ...] = (
+    "shortest-path",
+    "shortest-path-safe",
+    "deadlock-avoidance",
+    "planner",
+    "planner-replanned",
+)
 
 
 def main() -> None:

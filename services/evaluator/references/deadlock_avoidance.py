@@ -23,9 +23,9 @@ from common.kernel import bare_kernel, kernel
 from common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, READY, UNREACHED, WAYS, Batch
 from common.rail.compiled.paths import count_bits
 from common.rail.compiled.world import Parts
+from common.rail.planning.rails import action_out, shortest_way
 from common.rail.world import STOP_MOVING
 from services.evaluator.references.performing import Act
-from services.evaluator.references.rails import action_out, shortest_way
 
 MIN_FREE_CELLS = 1
 

@@ -77,6 +77,7 @@ def course(  # noqa: PLR0913  (what happened)
         allowed=np.full(len(times), ALL_ACTIONS, np.uint8),
         log_probabilities=nothing,
         values=nothing,
+        labels=np.full(len(times), NONE, np.int8),
     )
     return Course(
         level_hash=level.content_hash,

@@ -8,9 +8,10 @@ from numpy.random import Generator, Philox
 from numpy.typing import NDArray
 
 from common.rail.compiled.world import Parts
+from common.rail.planning.plans import actions_for, plan
+from common.rail.planning.search import room_for
 from common.seeding import stream_key
 from services.evaluator.references.performing import Act
-from services.evaluator.references.planning import actions_for, plan, room_for
 
 
 def planner(seed: int, orders: int, index: int, parts: Parts) -> Act:
@@ -41,10 +42,11 @@ def best_ways(seed: int, orders: int, index: int, parts: Parts) -> NDArray[np.in
     room = room_for(steps, int(world["cells"]))
     order = np.argsort(parts.batch.distances[0, np.arange(len(trains)), trains["start"]], kind="stable")
     ways = np.empty((len(trains), steps + 1), np.int32)
+    arrivals = np.empty(len(trains), np.int32)
     best = np.empty_like(ways)
     least = np.iinfo(np.int64).max
     for _ in range(orders):
-        spent = plan(parts.batch, order, room, ways, least)
+        spent = plan(parts.batch, 0, order, room, steps, True, ways, arrivals, least)
         if spent < least:
             best, ways, least = ways, best, spent
         order = draws.permutation(len(trains))

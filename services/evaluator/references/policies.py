@@ -7,6 +7,7 @@
 | shortest-path-safe, shortest-path-planned | see `interlocked`: onward as far as an interlocking of that mode allows |
 | deadlock-avoidance, deadlock-avoidance-entering | see `deadlock_avoidance`; the second with entering prevention |
 | planner | see `planner`: knows all of the level, plans before the first step |
+| planner-replanned | see `replanner`: plans anew wherever a train decides |
 | alone | every train as if there were no others: a bound that no policy can pass, not a policy |
 """
 
@@ -19,6 +20,7 @@ from services.evaluator.references.deadlock_avoidance import deadlock_avoidance
 from services.evaluator.references.interlocked import interlocked_shortest_path
 from services.evaluator.references.performing import Begin, policy_of
 from services.evaluator.references.planner import planner
+from services.evaluator.references.replanner import replanner
 from services.evaluator.references.simple import alone, at_random, shortest_path
 from services.evaluator.runner import Policy
 
@@ -30,7 +32,7 @@ def reference_policy(name: Reference, world: CompiledWorld, seed: int = 0, order
         name: see above.
         world: where it plays, in slot 0.
         seed: of what it draws; what a level is played with depends on nothing but this and the level's number.
-        orders: of the planner.
+        orders: of planners.
     """
     begins: dict[Reference, Begin] = {
         "random": partial(at_random, seed),
@@ -40,5 +42,6 @@ def reference_policy(name: Reference, world: CompiledWorld, seed: int = 0, order
         "deadlock-avoidance": partial(deadlock_avoidance, entering_prevention=False),
         "deadlock-avoidance-entering": partial(deadlock_avoidance, entering_prevention=True),
         "planner": partial(planner, seed, orders),
+        "planner-replanned": partial(replanner, seed, orders),
     }
     return alone(policy_of(world, shortest_path)) if name == "alone" else policy_of(world, begins[name])

@@ -11,11 +11,11 @@ from common.policy.choosing import draw_counter
 from common.policy.streams import uniform
 from common.rail.compiled.arrays import NOTHING, NOWHERE, Batch
 from common.rail.compiled.world import Parts
+from common.rail.planning.rails import action_out, any_way, shortest_way
 from common.rail.world import DO_NOTHING, MOVE_FORWARD, N_ACTIONS
 from common.records.course import NONE, Course
 from common.seeding import stream_key
 from services.evaluator.references.performing import Act, course
-from services.evaluator.references.rails import action_out, any_way, shortest_way
 from services.evaluator.runner import Policy
 
 _ONE = np.uint64(1)

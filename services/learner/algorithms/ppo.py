@@ -88,5 +88,6 @@ class WholeEpisodes:
 
 def build(learning: Learning[PolicySettings]) -> Trainer:
     """The trainer of a run of `ppo`."""
-    network = build_network(learning)
-    return PolicyTrainer(learning, network, WholeEpisodes(learning.settings.ppo, network))
+    ppo = learning.settings.ppo
+    network = build_network(learning, ppo.learning_rate, ppo.max_gradient_norm)
+    return PolicyTrainer(learning, network, WholeEpisodes(ppo, network))

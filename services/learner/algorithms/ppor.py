@@ -38,6 +38,7 @@ class FromReplay(WithReplay):
 
 def build(learning: Learning[Settings]) -> Trainer:
     """The trainer of a run of `ppor`."""
-    settings, network = learning.settings, build_network(learning)
+    settings = learning.settings
+    network = build_network(learning, settings.ppo.learning_rate, settings.ppo.max_gradient_norm)
     replay = ExperienceReplay(settings.replay, learning.n_features, learning.seed)
     return PolicyTrainer(learning, network, FromReplay(settings.ppo, network, replay))

@@ -86,7 +86,8 @@ def _priorities(gain: NDArray[np.float32]) -> NDArray[np.float64]:
 
 def build(learning: Learning[Settings]) -> Trainer:
     """The trainer of a run of `sil`."""
-    settings, network = learning.settings, build_network(learning)
+    settings = learning.settings
+    network = build_network(learning, settings.ppo.learning_rate, settings.ppo.max_gradient_norm)
     replay = ExperienceReplay(settings.replay, learning.n_features, learning.seed)
     on_policy = WholeEpisodes(settings.ppo, network)
     rule = SelfImitation(settings.sil, on_policy, Sil(settings.sil, network), replay)

@@ -1,7 +1,7 @@
 # ruff: noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
 """Updates of an actor-critic in compiled code: all of a batch's epochs in one call.
 
-What the updates are is said in `algorithms.ppo` and `algorithms.sil`. Actor and critic are two stacks that share
+What the updates are is said in `algorithms.ppo`, `sil` and `imitate`. Actor and critic are two stacks that share
 nothing (`perceptron`); their arrays lie one behind the other (`packed`), the actor's first.
 """
 
@@ -14,7 +14,7 @@ from common.kernel import bare_kernel, kernel
 from services.learner.fused.adam import corrections
 from services.learner.fused.packed import GRADIENT, MEAN, SQUARE, VALUES
 from services.learner.fused.perceptron import Room, descend, gradients, head, length, mark, norm, outputs, room_for
-from services.learner.fused.policy_losses import imitation_loss, ppo_loss
+from services.learner.fused.policy_losses import cloning_loss, imitation_loss, ppo_loss
 from services.learner.fused.tile import WIDTH
 
 _Floats = NDArray[np.float32]
@@ -169,6 +169,44 @@ def imitate(
     loss = imitation_loss(
         rooms[0].outs[actor:], rooms[1].outs[critic:], rooms[0].gradients[actor:], rooms[1].gradients[critic:],
         n_actions, action_tm1, allowed_tm1, least_return_t, value_weight, gains, metrics,
+    )  # fmt: skip
+    metrics[LOSS] = loss
+    if not math.isfinite(loss):
+        return False
+    metrics[NORM] = learn(widths, arrays, seen, x, rows, rooms, limit, learning_rate, steps + 1)
+    return True
+
+
+@kernel
+def clone(
+    widths: _Ints,
+    arrays: _Floats,
+    seen: NDArray[np.bool_],
+    starts: _Ints,
+    columns: _Ints,
+    values: _Floats,
+    n_actions: int,
+    action_tm1: _Ints,
+    allowed_tm1: _Ints,
+    return_t: _Floats,
+    value_weight: float,
+    limit: float,
+    learning_rate: float,
+    steps: int,
+    metrics: _Doubles,
+) -> bool:
+    """An update of imitation of a teacher, unless its loss is not finite; returns whether it was made.
+
+    Args as of `ppo`; `metrics` [5] are overwritten: as `cloning_loss` names them, then the norm, then the loss.
+    """
+    rows = len(action_tm1)
+    x, rooms = (starts, columns, values), (room_for(widths[0], rows), room_for(widths[1], rows))
+    mark(starts, columns, seen)
+    look(widths, arrays, x, rows, rooms)
+    actor, critic = head(widths[0], rows), head(widths[1], rows)
+    loss = cloning_loss(
+        rooms[0].outs[actor:], rooms[1].outs[critic:], rooms[0].gradients[actor:], rooms[1].gradients[critic:],
+        n_actions, action_tm1, allowed_tm1, return_t, value_weight, metrics,
     )  # fmt: skip
     metrics[LOSS] = loss
     if not math.isfinite(loss):

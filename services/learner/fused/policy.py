@@ -7,12 +7,13 @@ from common.policy.first_weights import FirstNetwork
 from common.policy.packing import Layout
 from common.rules.policies import PpoConfig
 from services.learner.experience import Experience
-from services.learner.fused.actor_critic import evaluate, imitate, ppo
+from services.learner.fused.actor_critic import clone, evaluate, imitate, ppo
 from services.learner.fused.packed import Packed, Training
 from services.learner.sparse import SparseRows
 
 PPO_NUMBERS = 8  # of an update: what `policy_losses` names, the norm of all gradients, the loss
 IMITATION_NUMBERS = 6
+CLONING_NUMBERS = 5
 
 Imitation = tuple[NDArray[np.float64], NDArray[np.float32]]
 
@@ -92,3 +93,25 @@ class FusedPolicy(Training):
             metrics,
         )
         return metrics, gains
+
+    def clone(self, value_weight: float, learning_rate: float, x: SparseRows, batch: Experience) -> NDArray[np.float64]:
+        """See `services.learner.policy_training.Policy`."""
+        metrics = np.zeros(CLONING_NUMBERS)
+        self.steps += clone(
+            self._widths,
+            self.arrays,
+            self.seen,
+            x.starts,
+            x.columns,
+            x.values,
+            self._n_actions,
+            batch.action_tm1,
+            batch.allowed_tm1,
+            batch.return_t,
+            value_weight,
+            self._limit,
+            learning_rate,
+            self.steps,
+            metrics,
+        )
+        return metrics

@@ -1,5 +1,5 @@
 # ruff: noqa: PLR0913  (compiled code takes arrays, not objects that hold them)
-"""The losses of `algorithms.ppo` and `algorithms.sil`, and their gradients by logits and values, row after row.
+"""The losses of `algorithms.ppo`, `sil` and `imitate`, and their gradients by logits and values, row after row.
 
 In float64, with functions of our own (`common.policy.arithmetic`). Logits and their gradients are [B, W] of a padded
 head, flat; values [B, 16], the first column. What fills a head up has no gradient, and what was
@@ -19,6 +19,7 @@ from services.learner.fused.tile import WIDTH
 _Floats = NDArray[np.float32]
 FLOOR = 1e-3  # of scaled advantages: a tenth of a step; lesser differences are not blown up to 1
 POLICY_LOSS, VALUE_LOSS, ENTROPY, VALUE_ERROR, CLIP_SHARE, KL = range(6)
+CROSS_ENTROPY, CRITIC_LOSS, AGREEMENT = range(3)
 SIL_POLICY_LOSS, SIL_VALUE_LOSS, SIL_GAIN, SIL_POSITIVE_SHARE = range(4)
 
 
@@ -198,3 +199,56 @@ def imitation_loss(
     metrics[SIL_POLICY_LOSS], metrics[SIL_VALUE_LOSS] = policy_loss * share, value_loss * share
     metrics[SIL_GAIN], metrics[SIL_POSITIVE_SHARE] = total_gain * share, positive * share
     return float(share * (policy_loss + value_weight * value_loss))
+
+
+@bare_kernel
+def cloning_loss(
+    logits: _Floats,
+    values: _Floats,
+    by_logits: _Floats,
+    by_values: _Floats,
+    n_actions: int,
+    action_tm1: NDArray[np.int64],
+    allowed_tm1: NDArray[np.int64],
+    return_t: _Floats,
+    value_weight: float,
+    metrics: NDArray[np.float64],
+) -> float:
+    """`cross entropy + value_weight * squared error`, means over the batch.
+
+    Args:
+        logits: as of `ppo_loss`, with the next three.
+        values: [B, 16], flat.
+        by_logits: overwritten.
+        by_values: overwritten.
+        n_actions: A.
+        action_tm1: [B], the teacher's.
+        allowed_tm1: [B], the actions that there were to choose from, a bit each.
+        return_t: [B].
+        value_weight: of the critic's loss.
+        metrics: [at least 3], overwritten; the places are named above.
+    """
+    count, width = len(action_tm1), len(logits) // len(values) * WIDTH
+    share = 1.0 / count
+    cross_entropy: Any = 0.0
+    value_loss: Any = 0.0
+    agreement: Any = 0.0
+    for row in range(count):
+        z, by_z = logits[row * width : (row + 1) * width], by_logits[row * width : (row + 1) * width]
+        by_value = by_values[row * WIDTH : (row + 1) * WIDTH]
+        log_total, taught = softmax(z, n_actions, allowed_tm1[row], by_z), action_tm1[row]
+        cross_entropy -= np.float64(z[taught]) - log_total
+        agrees = True
+        for action in range(n_actions):
+            agrees = agrees and by_z[action] <= by_z[taught]
+        agreement += agrees
+        for action in range(n_actions):
+            by_z[action] = share * (np.float64(by_z[action]) - (action == taught))
+        for k in range(WIDTH):
+            by_value[k] = 0
+        error: Any = np.float64(values[row * WIDTH]) - np.float64(return_t[row])
+        by_value[0] = value_weight * share * 2.0 * error
+        value_loss += error * error
+    metrics[CROSS_ENTROPY], metrics[CRITIC_LOSS] = cross_entropy * share, value_loss * share
+    metrics[AGREEMENT] = agreement * share
+    return float(share * (cross_entropy + value_weight * value_loss))

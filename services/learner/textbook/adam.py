@@ -13,7 +13,7 @@ class Adam:
 
     def __init__(self, parameters: Parameters, learning_rate: float) -> None:
         self._parameters = parameters
-        self._learning_rate = learning_rate
+        self.learning_rate = learning_rate
         self._steps = torch.zeros(())
         self._mean = torch.zeros_like(parameters.flat)
         self._square = torch.zeros_like(parameters.flat)
@@ -27,7 +27,7 @@ class Adam:
             self._mean.numpy(),
             self._square.numpy(),
             np.float32(1),
-            *corrections(self._learning_rate, int(self._steps)),
+            *corrections(self.learning_rate, int(self._steps)),
         )
 
     def tensors(self) -> dict[str, Tensor]:

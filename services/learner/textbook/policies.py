@@ -110,6 +110,17 @@ class PolicyNetwork:
         )
         return np.array(numbers), gain.numpy()
 
+    def clone(self, value_weight: float, learning_rate: float, x: SparseRows, batch: Experience) -> NDArray[np.float64]:
+        """See `services.learner.policy_training.Policy`."""
+        action, return_t = torch.tensor(batch.action_tm1), torch.tensor(batch.return_t)
+        logits, value = self._outputs_of(x, batch)
+        cross_entropy, value_loss = -log_probability(logits, action).mean(), (value - return_t).square().mean()
+        agreement = (logits.argmax(-1) == action).float().mean()
+        loss = cross_entropy + value_weight * value_loss
+        self._adam.learning_rate = learning_rate
+        told = (cross_entropy.item(), value_loss.item(), agreement.item(), self.descend(loss), loss.item())
+        return np.array(told)
+
     def _outputs_of(self, x: SparseRows, batch: Experience) -> tuple[Tensor, Tensor]:
         """As `outputs`, the logits of the actions that were allowed."""
         logits, value = self.outputs(x)

@@ -42,7 +42,7 @@ def world_of(names=("easy", "rush"), **parts):
     return WorldSpec.model_validate({"levels": {name: known[name] for name in names}} | parts)
 
 
-def choose(observation, step, train, allowed=31):
+def choose(observation, step, train, allowed=31, label=-1):
     """Mostly forward, else anything that is allowed; it depends on all that it is given."""
     draw = uniform(stream_key(step, train, observation.tobytes().hex()), 0)
     action = 2 if draw < 0.8 else int((draw - 0.8) * 25)

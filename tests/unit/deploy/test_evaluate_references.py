@@ -62,9 +62,9 @@ def test_the_name_of_a_policy_wins_and_a_path_is_a_run(here, monkeypatch):
         (["alone", "--draws", "1"], "--draws 1: alone draws nothing, leave it out"),
         (
             ["alone", "--orders", "3"],
-            "--orders: only planner tries orders of trains, alone does not: leave it out",
+            "--orders: only planners try orders of trains, alone does not: leave it out",
         ),
-        (["runs/planner", "--orders", "3"], "--orders: only planner tries orders of trains: leave it out"),
+        (["runs/planner", "--orders", "3"], "--orders: only planners try orders of trains: leave it out"),
         (["planner", "--orders", "0"], "--orders 0: use a number above 0"),
         (
             ["shortest-path", "--levels", "levels.npz", "--seed", "2"],

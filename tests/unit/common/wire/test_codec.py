@@ -92,6 +92,7 @@ def fragments(draw):
         allowed=np.full(count, 31, np.uint8),
         log_probabilities=draw(laid_out((count,))),
         values=draw(laid_out((count,))),
+        labels=whole(np.int8, count, -1, 4),
     )
     happened = course.Course(
         level_hash=draw(DIGESTS),

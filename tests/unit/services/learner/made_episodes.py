@@ -34,6 +34,7 @@ def decisions_of(decided, n_features, log_probabilities=None, values=None, allow
         allowed=np.full(count, 31, np.uint8) if allowed is None else np.array(allowed, np.uint8),
         log_probabilities=np.zeros(count, np.float32) if log_probabilities is None else log_probabilities,
         values=np.zeros(count, np.float32) if values is None else values,
+        labels=np.full(count, -1, np.int8),
     )
 
 

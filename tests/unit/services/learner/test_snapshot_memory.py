@@ -41,15 +41,16 @@ def all_allowed(fragment):
 
 def in_blocks(fragment):
     """As schema 4 had it: nothing is said of what was allowed."""
-    whole, lengths, *blocks = unpackb(encode(fragment))
-    assert set(blocks.pop()) == {31}
-    return packed([whole, lengths, *blocks])
+    whole, lengths, floats, long, short, allowed = unpackb(encode(fragment))
+    assert set(allowed) == {31}
+    return packed([whole, lengths, floats, long, short[: -len(fragment.course.decisions)]])
 
 
 def mapped(fragment):
     """As schema 3 had it."""
     plain = fragment.model_dump()
     del plain["course"]["final_allowed"], plain["course"]["decisions"]["allowed"]
+    del plain["course"]["decisions"]["labels"]
     return packed(plain)
 
 
@@ -58,7 +59,7 @@ def flat(fragment):
     lease, course = fragment.lease, dict(fragment.course)
     del course["score"], course["final_allowed"]
     decisions = dict(course.pop("decisions"))
-    del decisions["allowed"]
+    del decisions["allowed"], decisions["labels"]
     numbers = {"fragment": lease.fragment}
     numbers |= {name: getattr(lease, name) for name in ("episode", "level", "level_seed", "weights_version")}
     plain = numbers | course | decisions | dict(fragment.circumstances)

@@ -1,20 +1,14 @@
-"""Plans for small worlds by hand, and single searches beside trying out everything."""
-
-from dataclasses import replace
+"""Plans for small worlds by hand, carried out."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from common.levels.level import Level
-from common.levels.supply import LevelSupply
-from common.rail.compiled.arrays import NOTHING, NOWHERE
-from common.rail.compiled.step import leave
+from common.rail.compiled.arrays import NOWHERE
 from common.rail.compiled.world import CompiledWorld
-from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT
+from common.rail.planning.plans import plan
+from common.rail.planning.search import room_for
 from services.evaluator.references.planner import best_ways
-from services.evaluator.references.planning import FREE, find, plan, room_for
 from services.evaluator.references.policies import reference_policy
 
 EAST, WEST = 1, 3
@@ -109,53 +103,5 @@ def test_draws_are_those_of_seed_and_number_and_the_first_order_is_by_distance()
     parts = loaded(level).parts()
     np.testing.assert_array_equal(best_ways(3, 8, 2, parts), best_ways(3, 8, 2, parts))
     room, ways = room_for(60, 7), np.empty((5, 61), np.int32)
-    plan(parts.batch, np.array([2, 0, 3, 1, 4]), room, ways, 10**6)
+    plan(parts.batch, 0, np.array([2, 0, 3, 1, 4]), room, 60, True, ways, np.empty(5, np.int32), 10**6)
     np.testing.assert_array_equal(best_ways(3, 1, 2, parts), ways)
-
-
-def test_a_plan_is_given_up_once_it_cannot_be_better():
-    level = line((2, EAST, 6), (3, WEST, 0))
-    parts, room, ways = loaded(level).parts(), room_for(20, 7), np.empty((2, 21), np.int32)
-    order = np.array([1, 0])
-    assert plan(parts.batch, order, room, ways, 12) == 11
-    assert plan(parts.batch, order, room, ways, 11) == 11
-    assert plan(parts.batch, order, room, ways, 5) == 5
-
-
-LEVEL = LevelSupply().evaluation("easy", 0)
-STEPS = 60
-
-
-def all_that_can_be(world, held):
-    """Configurations that a train can be in, time by time, by trying out all actions; NOWHERE before departure."""
-    codes, leads, start = world.batch.codes[0], world.batch.leads[0], int(world.batch.trains[0, 0]["start"])
-    now = {NOWHERE}
-    for time in range(STEPS):
-        yield now
-        then = {NOWHERE}
-        for here in now:
-            moves = (leave(codes, leads, here, action) for action in (MOVE_LEFT, MOVE_FORWARD, MOVE_RIGHT))
-            for there in {start} if here == NOWHERE else {here, *moves} - {NOTHING}:
-                swaps = held[time, there >> 2] != FREE and held[time, there >> 2] == held[time + 1, here >> 2]
-                if held[time + 1, there >> 2] == FREE and not (here != NOWHERE and swaps):
-                    then.add(int(there))
-        now = then
-    yield now
-
-
-@settings(max_examples=60, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), train=st.integers(0, 2), share=st.floats(0, 0.4))
-def test_a_search_finds_the_earliest_arrival_there_is(seed, train, share):
-    level = replace(LEVEL, starts=LEVEL.starts[[train]], targets=LEVEL.targets[[train]], max_steps=STEPS)
-    world, rng = loaded(level), np.random.default_rng(seed)
-    cells = int(world.batch.worlds[0]["cells"])
-    room, way = room_for(STEPS, cells), np.empty(STEPS + 1, np.int32)
-    others = np.repeat(rng.integers(0, 3, (STEPS // 4 + 1, cells)), 4, axis=0)[: STEPS + 1]
-    room.held[:] = np.where(rng.random((STEPS + 1, cells)) < share, others, FREE)
-    times = list(all_that_can_be(world, room.held))
-    targets = set(np.flatnonzero(world.batch.distances[0, 0, : cells * 4] == 0).tolist())
-    expected = next((time for time, places in enumerate(times) if places & targets), NOTHING)
-    assert find(world.batch, 0, room, way) == expected
-    on_map = np.flatnonzero(way != NOWHERE)
-    assert on_map.tolist() == (list(range(on_map[0], expected + 1)) if expected != NOTHING else [])
-    assert all(int(way[time]) in times[time] for time in on_map)

@@ -1,0 +1,1 @@
+"""Planning trains one after the other, from the state that a world is in."""
