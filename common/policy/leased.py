@@ -9,7 +9,7 @@ from common.config import RunConfig
 from common.levels.supply import LevelSupply
 from common.policy.compiled import Chooser
 from common.policy.player import Acting, Players
-from common.rail.planning.advising import Teacher
+from common.rail.planning.judging import Teacher
 from common.records.acting import Lease
 from common.records.course import Course
 from common.seeding import stream_key, training_malfunction_seed
@@ -23,7 +23,7 @@ class LeasePlayer:
     ) -> None:
         """`chooser` has to hold the weights that a lease names; `on_step` is called as by `Players`."""
         self._seed = config.seed
-        self._orders = config.learning.orders_of_teacher
+        self._teaching = config.learning.teaching
         self._levels = levels
         self._chooser = chooser
         self._players = Players(config, chooser, on_step)
@@ -44,7 +44,8 @@ class LeasePlayer:
         return course
 
     def _teacher(self, episode: int) -> Teacher | None:
-        return Teacher(self._orders, stream_key(self._seed, episode, "teacher")) if self._orders else None
+        teaching = self._teaching
+        return None if teaching is None else Teacher(*teaching, stream_key(self._seed, episode, "teacher"))
 
     def _key(self, episode: int) -> int:
         """Of the episode's stream of exploration, which its next fragment needs again."""

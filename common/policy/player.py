@@ -12,7 +12,7 @@ from common.levels.level import Level
 from common.policy.compiled import Chooser, Twin
 from common.policy.packing import Layout
 from common.rail.compiled.world import CompiledWorld
-from common.rail.planning.advising import Teacher
+from common.rail.planning.judging import Teacher
 from common.rail.play import Stage
 from common.rail.world import N_ACTIONS
 from common.records.course import Course

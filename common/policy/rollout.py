@@ -22,7 +22,8 @@ from common.rail.compiled.world import CompiledWorld, Parts
 from common.rail.interlocking.asking import allowed, begin, grant, next_asked
 from common.rail.interlocking.signals import ALL_ACTIONS
 from common.rail.observations.table import look
-from common.rail.planning.advising import Desk, Teacher, advise, desk_for
+from common.rail.planning.advising import Desk, desk_for
+from common.rail.planning.judging import Teacher, judge
 from common.rail.world import MOVE_FORWARD
 from common.records.course import NONE, Course, Decisions, columns
 
@@ -31,20 +32,18 @@ ROOM_STEPS = 2048
 
 
 class Teaching(NamedTuple):
-    """A teacher as compiled code asks it: see `common.rail.planning.advising`."""
+    """A teacher, and the desk that it works on."""
 
-    orders: int
-    key: np.uint64
+    teacher: Teacher
     desk: Desk
 
 
 @bare_kernel
-def take_advice(parts: Parts, teaching: Any, labels: NDArray[np.int8]) -> None:
-    """Fill in what a teacher would have the trains of slot 0 do; nothing if there is none."""
+def label_of(parts: Parts, train: int, bits: int, teaching: Any) -> int:
+    """What a teacher would have a train of slot 0 do that is allowed `bits`; NONE if there is no teacher."""
     if teaching is None:
-        labels[:] = NONE
-    else:
-        advise(parts.batch, 0, parts.deciding[0], parts.decisions, teaching.orders, teaching.key, teaching.desk, labels)
+        return NONE
+    return judge(parts.batch, 0, train, bits, parts.decisions, teaching.teacher, teaching.desk)
 
 
 @bare_kernel
@@ -124,7 +123,6 @@ def run(
     n_trains, n_actions = len(arrived_at), header[2]
     outputs, rows = np.empty((n_trains, n_actions + 1), np.float32), np.empty(n_trains, np.int64)
     doing = np.empty(parts.deciding.shape, np.int8)
-    labels = np.empty(parts.deciding.shape[1], np.int8)
     gained = np.empty(parts.deciding.shape, np.float32)
     decisions, step = 0, first_step
     while step < last_step and not parts.over[0]:
@@ -143,17 +141,17 @@ def run(
             for row in range(asking):
                 train = notes.trains[decisions + row]
                 forward_row(header, parameters, seen[row], states[train], outputs[row], places, values, sums)
-            take_advice(parts, teaching, labels)
             begin(parts.batch, 0, parts.interlocking, parts.decisions, parts.signals)
             for _ in range(asking):  # in another order than the rows, as what one is granted binds the next
                 train = next_asked(parts.batch, 0, parts.deciding[0], parts.signals)
                 bits = allowed(parts.batch, 0, parts.interlocking, train, parts.signals)
                 at, scores = decisions + rows[train], outputs[rows[train], :n_actions]
                 counter = np.uint64(draw_counter(step, n_trains, train))
-                action = choose(header, scores, bits, int(labels[train]), greedy, epsilon, key, counter)
+                label = label_of(parts, train, bits, teaching)
+                action = choose(header, scores, bits, label, greedy, epsilon, key, counter)
                 grant(parts.batch, 0, parts.interlocking, train, action, parts.signals)
                 doing[0, train] = notes.actions[at] = action
-                notes.allowed[at], notes.labels[at] = bits, labels[train]
+                notes.allowed[at], notes.labels[at] = bits, label
                 notes.log_probabilities[at] = log_probability(scores, bits, action) if is_policy(header) else 0.0
                 notes.values[at] = outputs[rows[train], n_actions] if is_policy(header) else np.float32(0)
             decisions += asking
@@ -258,7 +256,7 @@ class Rollouts:
         if teacher is None:
             return None
         self._desk = desk_for(parts.batch, int(parts.batch.worlds[0]["max_steps"]), self._desk)
-        return Teaching(teacher.orders, np.uint64(teacher.key), self._desk)
+        return Teaching(teacher, self._desk)
 
     def _look_back(self, parts: Parts, *, over: bool) -> NDArray[np.float32]:
         final = np.zeros((len(self._arrived_at), self._world.n_features), np.float32)

@@ -26,7 +26,7 @@ from common.rail.interlocking.signals import ALL_ACTIONS, INTERLOCKINGS, SAFE, I
 from common.rail.mirror import Mirror
 from common.rail.observations.table import AnyObservation
 from common.rail.orders import orders_of
-from common.rail.planning.advising import NONE, Teacher
+from common.rail.planning.advising import Teacher
 from common.rail.rewards.table import AnyReward
 from common.rail.world import DO_NOTHING, MOVE_FORWARD, check_level
 
@@ -139,12 +139,12 @@ class FlatlandEpisode:
             return np.full(self.level.n_trains, ALL_ACTIONS, np.uint8)
         return self._mirror.allowed()
 
-    def advise(self, teacher: Teacher, deciding: NDArray[np.bool_]) -> NDArray[np.int8]:
-        """[N], as `World.advise`, for the trains of which `deciding` [N] holds."""
+    def advise(self, train: int, allowed: int, teacher: Teacher) -> int:
+        """As `World.advise`."""
         if self._mirror is None:
             self._mirror = self._made_mirror()
             self._mirror.update()
-        return self._mirror.advise(teacher, deciding)
+        return self._mirror.advise(train, allowed, teacher)
 
     def unasked(self) -> list[int]:
         """[N]: what the trains are told that do not decide; see `common.rail.asking.unasked`."""
@@ -238,12 +238,8 @@ class FlatlandWorld:
         episode = self._episodes[slot]
         return float("nan") if episode is None else episode.score()
 
-    def advise(self, slot: int, teacher: Teacher) -> NDArray[np.int8]:
-        labels = np.full(self.max_trains, NONE, np.int8)
-        episode = self._episode(slot)
-        trains = episode.level.n_trains
-        labels[:trains] = episode.advise(teacher, self._deciding[slot, :trains])
-        return labels
+    def advise(self, slot: int, train: int, allowed: int, teacher: Teacher) -> int:
+        return self._episode(slot).advise(train, allowed, teacher)
 
     def ask(self, slot: int) -> Asking:
         episode = self._episode(slot)

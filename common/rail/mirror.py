@@ -18,7 +18,7 @@ from common.rail.compiled.world import CompiledWorld
 from common.rail.flatland_env import LegacyActions
 from common.rail.interlocking.signals import Interlocking
 from common.rail.observations.table import AnyObservation, header_of, look
-from common.rail.planning.advising import Teacher
+from common.rail.planning.judging import Teacher
 from common.rail.rewards.table import AnyReward, pay
 
 STANDING = (TrainState.READY_TO_DEPART, TrainState.STOPPED, TrainState.MALFUNCTION, TrainState.MALFUNCTION_OFF_MAP)
@@ -106,9 +106,9 @@ class Mirror:
         parts = self._world.parts()
         return asking_of(parts.batch, 0, parts.interlocking, parts.decisions, parts.signals, deciding)
 
-    def advise(self, teacher: Teacher, deciding: NDArray[np.bool_]) -> NDArray[np.int8]:
-        """[N], as `World.advise`, for the trains of which `deciding` [N] holds."""
-        return self._world.advise_those(0, teacher, deciding)
+    def advise(self, train: int, allowed: int, teacher: Teacher) -> int:
+        """As `World.advise`."""
+        return self._world.advise(0, train, allowed, teacher)
 
     def allowed(self) -> NDArray[np.uint8]:
         """[N], as `World.allowed`."""

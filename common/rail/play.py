@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from common.levels.level import Level
 from common.rail.interlocking.signals import ALL_ACTIONS
-from common.rail.planning.advising import Teacher
+from common.rail.planning.judging import Teacher
 from common.rail.world import MOVE_FORWARD, World
 from common.records.course import NONE, Course, Decisions
 
@@ -64,16 +64,15 @@ class Stage:
         observations, marks, allowed, chosen, labels, rewards = [], [], [], [], [], []
         while self._step < last_step and not self._world.over()[0]:
             seen = {train: self._world.observe(0, train) for train in self._deciding()}
-            advice = self._advice(teacher) if seen else []
-            made = self._ask(choose, seen, advice)
+            made = self._ask(choose, seen, teacher)
             for train, observation in seen.items():
-                bits, decision = made[train]
+                bits, label, decision = made[train]
                 observations.append(observation)
                 marks.append((self._step, train))
                 allowed.append(bits)
                 chosen.append(decision)
-                labels.append(advice[train])
-            rewards.append(self._take({train: decision.action for train, (_, decision) in made.items()}))
+                labels.append(label)
+            rewards.append(self._take({train: decision.action for train, (*_, decision) in made.items()}))
         count = len(chosen)
         times, trains = np.array(marks, np.int32).reshape(count, 2).T.copy()
         taken = np.array(chosen).reshape(count, 3).T
@@ -105,21 +104,16 @@ class Stage:
         trains: list[int] = np.flatnonzero(self._world.deciding()[0]).tolist()
         return trains
 
-    def _advice(self, teacher: Teacher | None) -> list[int]:
-        if teacher is None:
-            return [NONE] * len(self._arrived_at)
-        advice: list[int] = self._world.advise(0, teacher).tolist()
-        return advice
-
     def _ask(
-        self, choose: Choose, seen: dict[int, NDArray[np.float32]], advice: list[int]
-    ) -> dict[int, tuple[int, Decision]]:
-        """What the deciding trains, which see these observations, are allowed and do; asked one after another."""
+        self, choose: Choose, seen: dict[int, NDArray[np.float32]], teacher: Teacher | None
+    ) -> dict[int, tuple[int, int, Decision]]:
+        """What the deciding trains, which see these observations, are allowed, should do and do, asked in turn."""
         made, asking = {}, self._world.ask(0)
         for train, allowed in asking:
-            decision = choose(seen[train], self._step, train, allowed, advice[train])
+            label = NONE if teacher is None else self._world.advise(0, train, allowed, teacher)
+            decision = choose(seen[train], self._step, train, allowed, label)
             asking.grant(train, decision.action)
-            made[train] = allowed, decision
+            made[train] = allowed, label, decision
         return made
 
     def _take(self, chosen: dict[int, int]) -> NDArray[np.float32]:

@@ -10,7 +10,7 @@ from common.levels.level import Level
 
 if TYPE_CHECKING:
     from common.rail.asking import Asking
-    from common.rail.planning.advising import Teacher
+    from common.rail.planning.judging import Teacher
 
 N_ACTIONS = 5
 DO_NOTHING, MOVE_LEFT, MOVE_FORWARD, MOVE_RIGHT, STOP_MOVING = range(N_ACTIONS)
@@ -49,10 +49,10 @@ class World(Protocol):
         """
         ...
 
-    def advise(self, slot: int, teacher: "Teacher") -> NDArray[np.int8]:
-        """[N]: what a teacher would have the slot's deciding trains do, -1 for nothing in particular, and for others.
+    def advise(self, slot: int, train: int, allowed: int, teacher: "Teacher") -> int:
+        """What a teacher would have a deciding train do that is allowed these actions, a bit each; -1 without a choice.
 
-        See `common.rail.planning.advising`.
+        See `common.rail.planning.judging`.
         """
         ...
 

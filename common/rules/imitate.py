@@ -10,9 +10,11 @@ from common.strict import Positive, Share, Strict
 
 
 class TeacherConfig(Strict):
-    """The planner that says what it would do (`common.rail.planning`), and how many decisions are left to it."""
+    """The planner that says what it would do (`common.rail.planning.judging`), and how many decisions it makes."""
 
-    orders: int = Field(default=1, ge=1, le=1000)  # of trains, of which the best plan counts
+    orders: int = Field(default=10, ge=1, le=1000)  # of trains that are tried for each action; the best plan counts
+    margin: int = Field(default=4, ge=1, le=1000)  # steps, of all trains, by which it has to beat the shortest way
+    patience: int = Field(default=16, ge=1, le=100_000)  # steps after which a train that stands should go if it may
     share: float = Field(default=1.0, ge=0, le=1)  # of the decisions of the first episode, falling evenly to none
     decay_share: Share = 0.1  # of the episodes, in which it falls
 
@@ -41,8 +43,8 @@ class Settings(ActorCriticSettings):
         return self
 
     @property
-    def orders_of_teacher(self) -> int:
-        return self.teacher.orders
+    def teaching(self) -> tuple[int, int, int]:
+        return self.teacher.orders, self.teacher.margin, self.teacher.patience
 
     def epsilon(self, episode: int, episodes: int) -> float:
         """The share of decisions that are the teacher's in `episode` (0-based) of a run of `episodes`."""

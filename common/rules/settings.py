@@ -39,9 +39,9 @@ class RuleSettings(Strict):
         return 0.0
 
     @property
-    def orders_of_teacher(self) -> int:
-        """Orders of trains that a planner tries where it says what it would do in each decision; 0: it is not asked."""
-        return 0
+    def teaching(self) -> tuple[int, int, int] | None:
+        """Orders, margin and patience of the `common.rail.planning.judging.Teacher` of every decision, if one is asked."""
+        return None
 
     def module(self, n_features: int, n_actions: int, seed: int) -> Any:  # noqa: ARG002
         """A `torch.nn.Module` of the rule's own to train and to act with; None: that of `network.kind`."""

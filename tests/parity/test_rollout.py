@@ -10,7 +10,7 @@ from common.policy.networks import build_network, export_parameters
 from common.policy.player import Acting, compiled_world, network_layout, play, player
 from common.policy.recurrent import build_recurrent_network
 from common.policy.rollout import Rollouts
-from common.rail.planning.advising import Teacher
+from common.rail.planning.judging import Teacher
 from common.records.acting import digest_of
 from common.records.course import Course, Decisions
 from common.rules.settings import NetworkConfig
@@ -74,7 +74,9 @@ def test_both_engines_grant_the_same_actions(interlocking, kind):
 
 @pytest.mark.parametrize("interlocking", ["off", "safe"])
 def test_both_engines_hear_the_same_from_a_teacher(interlocking):
-    acting = Acting(twin_of("actor-critic", seed=3), epsilon=0.6, key=77, teacher=Teacher(orders=3, key=5))
+    acting = Acting(
+        twin_of("actor-critic", seed=3), epsilon=0.6, key=77, teacher=Teacher(orders=3, margin=1, patience=16, key=5)
+    )
     level = LevelSupply().training("hard", 1)
     compiled, flatland = (play(study_player(engine, interlocking=interlocking), level, acting) for engine in ENGINES)
     assert same(compiled, flatland)

@@ -21,7 +21,8 @@ from common.rail.interlocking.signals import ALL_ACTIONS, INTERLOCKINGS, OFF, In
 from common.rail.observations.table import AnyObservation, header_of, look
 from common.rail.observations.tree import TreeObservation
 from common.rail.orders import Orders, orders_of
-from common.rail.planning.advising import NONE, Desk, Teacher, advise, desk_for
+from common.rail.planning.advising import Desk, desk_for
+from common.rail.planning.judging import Teacher, judge
 from common.rail.rewards.delay import score
 from common.rail.rewards.study import StudyReward
 from common.rail.rewards.table import AnyReward, weights_of
@@ -234,17 +235,10 @@ class CompiledWorld:
             allowed_each(self.batch, slot, self._interlocking, self._decisions, self._signals, bits)
         return bits
 
-    def advise(self, slot: int, teacher: Teacher) -> NDArray[np.int8]:
+    def advise(self, slot: int, train: int, allowed: int, teacher: Teacher) -> int:
         """As `World.advise`."""
-        return self.advise_those(slot, teacher, self._deciding[slot])
-
-    def advise_those(self, slot: int, teacher: Teacher, deciding: NDArray[np.bool_]) -> NDArray[np.int8]:
-        """As `World.advise`, for the trains of which `deciding` [N] holds."""
-        labels = np.full(self.max_trains, NONE, np.int8)
         self._desk = desk_for(self.batch, int(self.batch.worlds[slot]["max_steps"]), self._desk)
-        key = np.uint64(teacher.key)
-        advise(self.batch, slot, deciding, self._decisions, teacher.orders, key, self._desk, labels)
-        return labels
+        return int(judge(self.batch, slot, train, allowed, self._decisions, teacher, self._desk))
 
     def step(self, actions: NDArray[np.int8]) -> NDArray[np.float32]:
         """As `World.step`."""

@@ -17,19 +17,12 @@ from common.rail.compiled.decisions import CELLS
 from common.rail.compiled.step import leave
 from common.rail.planning.plans import by_distance, distance_left, plan
 from common.rail.planning.rails import action_out, any_way
-from common.rail.planning.search import Room, pace, ready, room_for
+from common.rail.planning.search import ANYTHING, Room, pace, ready, room_for
 from common.rail.world import MOVE_FORWARD, STOP_MOVING
 
 NONE: Final = -1  # no advice
 NO_PLAN: Final = -2
 PATIENCE: Final = 4  # plans end after so many times what the slowest train would take if it were alone
-
-
-class Teacher(NamedTuple):
-    """Whom to ask for advice: how many orders of trains it tries, and the key of what it draws in an episode."""
-
-    orders: int
-    key: int
 
 
 class Desk(NamedTuple):
@@ -153,7 +146,9 @@ def advise(
     for number in range(orders):
         if number:
             by_lot(planned, key, number * trains)
-        spent = plan(batch, slot, planned, desk.room, steps, mode != CELLS, desk.ways, desk.arrivals, least)
+        spent = plan(
+            batch, slot, planned, desk.room, steps, mode != CELLS, desk.ways, desk.arrivals, NOTHING, ANYTHING, least
+        )
         if spent < least:
             least = spent
             note(batch, slot, planned, steps, desk)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from common.kernel import bare_kernel, kernel
 from common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, Batch
 from common.rail.planning.rails import action_out, any_way
-from common.rail.planning.search import FREE, Room, find, ready, soonest
+from common.rail.planning.search import ANYTHING, FREE, Room, find, ready, soonest
 from common.rail.world import DO_NOTHING, STOP_MOVING
 
 
@@ -30,6 +30,8 @@ def plan(
     anywhere: bool,
     ways: NDArray[np.int32],
     arrivals: NDArray[np.int32],
+    mover: int,
+    first: int,
     enough: int,
 ) -> int:
     """Plan trains in an order; the sum of their arrivals, of which one that fails is twice the time.
@@ -44,6 +46,8 @@ def plan(
         ways: [N, at least `steps` + 1], filled in for the trains of the order: see `find`. Those that cannot arrive
             stay where they are.
         arrivals: [N], filled in as well: after so many steps, NOTHING for those that cannot in time.
+        mover: a train of which the first move is given, or NOTHING,
+        first: and that move, see `find`.
         enough: once the sum cannot get below this the plan is given up, and this is returned.
     """
     room.held[: steps + 1] = FREE
@@ -54,7 +58,7 @@ def plan(
     for at in order:
         if spent >= enough:
             return enough
-        arrival = find(batch, slot, at, room, steps, anywhere, ways[at])
+        arrival = find(batch, slot, at, room, steps, anywhere, first if at == mover else ANYTHING, ways[at])
         arrivals[at] = arrival
         spent += (arrival if arrival != NOTHING else 2 * steps) - soonest(batch, slot, at, steps)
         if arrival == NOTHING:

@@ -25,6 +25,7 @@ from common.rail.planning.rails import can_leave
 from common.rail.world import MOVE_FORWARD
 
 FREE: Final = -1
+ANYTHING: Final = -2  # that a train does first
 LAST_SEARCH: Final = int(np.iinfo(np.int32).max)
 
 
@@ -189,7 +190,9 @@ def trace(room: Room, node: int, width: int, way: NDArray[np.int32]) -> None:
 
 
 @bare_kernel
-def find(batch: Batch, slot: int, at: int, room: Room, steps: int, anywhere: bool, way: NDArray[np.int32]) -> int:
+def find(
+    batch: Batch, slot: int, at: int, room: Room, steps: int, anywhere: bool, first: int, way: NDArray[np.int32]
+) -> int:
     """When a train can arrive at the earliest, by A* with the distance on free rails; NOTHING if it cannot in time.
 
     Args:
@@ -199,6 +202,8 @@ def find(batch: Batch, slot: int, at: int, room: Room, steps: int, anywhere: boo
         room: with the reservations of others, and its own until it can do something.
         steps: the last time it may arrive.
         anywhere: it may wait on every cell, not only where it decides by `common.rail.decisions`.
+        first: the configuration that it goes to first, as soon as that is free, where it is to wait a step, NOWHERE to
+            wait off the map; or ANYTHING. Trains that do not decide now do what they have to.
         way: [at least `steps` + 1], filled in that far: its configuration after so many steps, NOWHERE off the map.
     """
     codes, leads, distance = batch.codes[slot], batch.leads[slot], batch.distances[slot, at]
@@ -209,6 +214,8 @@ def find(batch: Batch, slot: int, at: int, room: Room, steps: int, anywhere: boo
     committed = NOTHING
     if origin != NOWHERE and train["committed"] != NOTHING:
         committed = leave(codes, leads, origin, int(train["committed"]))
+    elif first not in (ANYTHING, origin):
+        committed = first
     per_cell, earliest = pace(batch, slot, at), ready(batch, slot, at)
     way[: steps + 1] = NOWHERE
     room.open[: steps + 1] = NOTHING
@@ -226,9 +233,12 @@ def find(batch: Batch, slot: int, at: int, room: Room, steps: int, anywhere: boo
         room.open[total] = room.later[node]
         time, here = node // width, node % width
         after = (time + 1) * width
+        must_wait = first == origin and time == earliest
         if here == off_map:
-            if total < steps:
+            if total < steps and (committed == NOTHING or held[time + 1, start >> 2] != FREE):
                 reach(room, after + off_map, total + 1, node)
+            if must_wait:
+                continue
             if per_cell > 1 and distance[start] != 0 and halts(batch, slot, start):
                 continue
             entered = time + (1 if distance[start] == 0 else per_cell)
@@ -243,7 +253,7 @@ def find(batch: Batch, slot: int, at: int, room: Room, steps: int, anywhere: boo
         if may_wait and total < steps and held[time + 1, here >> 2] == FREE:
             reach(room, after + here, total + 1, node)
         for out in range(4):
-            if not can_leave(codes, here, out):
+            if must_wait or not can_leave(codes, here, out):
                 continue
             there = int(leads[(here & ~3) + out])
             if distance[there] == UNREACHED or (is_bound and there != committed):

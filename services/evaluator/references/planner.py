@@ -7,9 +7,10 @@ import numpy as np
 from numpy.random import Generator, Philox
 from numpy.typing import NDArray
 
+from common.rail.compiled.arrays import NOTHING
 from common.rail.compiled.world import Parts
 from common.rail.planning.plans import actions_for, plan
-from common.rail.planning.search import room_for
+from common.rail.planning.search import ANYTHING, room_for
 from common.seeding import stream_key
 from services.evaluator.references.performing import Act
 
@@ -46,7 +47,7 @@ def best_ways(seed: int, orders: int, index: int, parts: Parts) -> NDArray[np.in
     best = np.empty_like(ways)
     least = np.iinfo(np.int64).max
     for _ in range(orders):
-        spent = plan(parts.batch, 0, order, room, steps, True, ways, arrivals, least)
+        spent = plan(parts.batch, 0, order, room, steps, True, ways, arrivals, NOTHING, ANYTHING, least)
         if spent < least:
             best, ways, least = ways, best, spent
         order = draws.permutation(len(trains))

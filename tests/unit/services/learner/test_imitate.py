@@ -105,4 +105,4 @@ def test_the_learning_rate_falls_to_a_hundredth():
 def test_the_share_of_the_teacher_falls_to_nothing():
     config = Settings.model_validate(settings().model_dump() | {"teacher": {"share": 0.8, "decay_share": 0.5}})
     assert [config.epsilon(episode, 8) for episode in (0, 1, 2, 4, 7)] == pytest.approx([0.8, 0.6, 0.4, 0, 0])
-    assert config.orders_of_teacher == 1
+    assert config.teaching == (10, 4, 16)

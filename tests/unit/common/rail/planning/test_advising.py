@@ -14,6 +14,7 @@ from common.rail.compiled.arrays import NOTHING, NOWHERE
 from common.rail.compiled.world import CompiledWorld
 from common.rail.planning.advising import NONE, action_of, advise, by_lot, desk_for, horizon
 from common.rail.planning.plans import by_distance, plan
+from common.rail.planning.search import ANYTHING
 from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
 
 ON, STOP, LEFT, RIGHT = MOVE_FORWARD, STOP_MOVING, MOVE_LEFT, MOVE_RIGHT
@@ -104,7 +105,7 @@ def test_planned_anew_in_every_step_all_arrive_about_as_soon_as_by_one_plan():
         steps = int(parts.batch.worlds[0]["max_steps"])
         desk = desk_for(parts.batch, steps)
         by_distance(parts.batch, 0, desk.order)
-        plan(parts.batch, 0, desk.order, desk.room, steps, False, desk.ways, desk.arrivals, 1 << 60)
+        plan(parts.batch, 0, desk.order, desk.room, steps, False, desk.ways, desk.arrivals, NOTHING, ANYTHING, 1 << 60)
         arrivals = follow(world)
         assert min(arrivals) > 0
         assert np.mean(arrivals) <= desk.arrivals[trains].mean() + 1
@@ -131,7 +132,19 @@ def test_plans_come_true_from_wherever_trains_got_to(rules, index, seed, before,
     count = by_distance(parts.batch, 0, desk.order)
     for _ in range(orders - 1):
         rng.shuffle(desk.order[:count])
-    plan(parts.batch, 0, desk.order[:count], desk.room, steps, False, desk.ways, desk.arrivals, 1 << 60)
+    plan(
+        parts.batch,
+        0,
+        desk.order[:count],
+        desk.room,
+        steps,
+        False,
+        desk.ways,
+        desk.arrivals,
+        NOTHING,
+        ANYTHING,
+        1 << 60,
+    )
     planned = desk.order[:count]
     assume((desk.arrivals[planned] != NOTHING).all())
     for time in range(1, desk.arrivals[planned].max(initial=0) + 1):

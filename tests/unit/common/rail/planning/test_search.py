@@ -12,7 +12,7 @@ from common.rail.compiled.arrays import NOTHING, NOWHERE
 from common.rail.compiled.step import leave
 from common.rail.compiled.world import CompiledWorld
 from common.rail.planning.plans import plan
-from common.rail.planning.search import FREE, find, room_for
+from common.rail.planning.search import ANYTHING, FREE, find, room_for
 from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT
 
 
@@ -27,7 +27,9 @@ def test_a_plan_is_given_up_once_it_cannot_be_better():
     parts, room, ways = loaded(level).parts(), room_for(20, 7), np.empty((2, 21), np.int32)
     arrivals = np.empty(2, np.int32)
     for enough, spent in ((12, 11), (11, 11), (5, 5)):
-        assert plan(parts.batch, 0, np.array([1, 0]), room, 20, True, ways, arrivals, enough) == spent
+        assert (
+            plan(parts.batch, 0, np.array([1, 0]), room, 20, True, ways, arrivals, NOTHING, ANYTHING, enough) == spent
+        )
 
 
 LEVEL = LevelSupply().evaluation("easy", 0)
@@ -63,7 +65,7 @@ def test_a_search_finds_the_earliest_arrival_there_is(seed, train, share):
     times = list(all_that_can_be(world, room.held))
     targets = set(np.flatnonzero(world.batch.distances[0, 0, : cells * 4] == 0).tolist())
     expected = next((time for time, places in enumerate(times) if places & targets), NOTHING)
-    assert find(world.batch, 0, 0, room, STEPS, True, way) == expected
+    assert find(world.batch, 0, 0, room, STEPS, True, ANYTHING, way) == expected
     on_map = np.flatnonzero(way != NOWHERE)
     assert on_map.tolist() == (list(range(on_map[0], expected + 1)) if expected != NOTHING else [])
     assert all(int(way[time]) in times[time] for time in on_map)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from common.levels.level import Level
-from common.rail.compiled.arrays import NOWHERE
+from common.rail.compiled.arrays import NOTHING, NOWHERE
 from common.rail.compiled.world import CompiledWorld
 from common.rail.planning.plans import plan
-from common.rail.planning.search import room_for
+from common.rail.planning.search import ANYTHING, room_for
 from services.evaluator.references.planner import best_ways
 from services.evaluator.references.policies import reference_policy
 
@@ -103,5 +103,7 @@ def test_draws_are_those_of_seed_and_number_and_the_first_order_is_by_distance()
     parts = loaded(level).parts()
     np.testing.assert_array_equal(best_ways(3, 8, 2, parts), best_ways(3, 8, 2, parts))
     room, ways = room_for(60, 7), np.empty((5, 61), np.int32)
-    plan(parts.batch, 0, np.array([2, 0, 3, 1, 4]), room, 60, True, ways, np.empty(5, np.int32), 10**6)
+    plan(
+        parts.batch, 0, np.array([2, 0, 3, 1, 4]), room, 60, True, ways, np.empty(5, np.int32), NOTHING, ANYTHING, 10**6
+    )
     np.testing.assert_array_equal(best_ways(3, 1, 2, parts), ways)
