@@ -106,7 +106,7 @@ def test_resolving_changes_nothing_that_was_given():
         ),
         ({"lag": "x"}, "lag: input should be a valid integer, unable to parse string as an integer, not 'x'"),
         ({"lag": 1, "fragment_steps": 3}, "lag 1 needs whole episodes: add --set fragment_steps=null"),
-        ({"rule": "x"}, "unknown rule 'x': known are dqn, drqn, ppo, ppor, sil"),
+        ({"rule": "x"}, "unknown rule 'x': known are dqn, drqn, imitate, ppo, ppor, sil"),
         (
             {"dqn": {"learning_rate": {"x": 1}}},
             "dqn.learning_rate: cannot be both 0.0003 and {'x': 1}: give one of them",

@@ -9,6 +9,7 @@ from hypothesis.extra import numpy as npst
 
 from common.policy import choosing
 from common.policy.acting import EpsilonGreedy
+from common.policy.packing import ACTOR_CRITIC
 from common.seeding import stream_key
 
 KEY = stream_key(1, 2, "explore")
@@ -97,3 +98,26 @@ def test_log_probabilities_are_those_of_torch(allowed, actions):
     expected = torch.log_softmax(masked(allowed).double(), 0).numpy()[actions]
     got = [choosing.log_probability(LOGITS, allowed, action) for action in actions]
     np.testing.assert_allclose(got, expected, rtol=1e-12)
+
+
+POLICY, VALUES = (np.array([kind, 0, 4], np.int64) for kind in (ACTOR_CRITIC, 0))
+
+
+def chosen(header, label, epsilon, allowed=0b1111, *, greedy=False, count=2000):
+    told = header, LOGITS, allowed, label, greedy, epsilon, np.uint64(KEY)
+    return [choosing.choose(*told, np.uint64(2 * i)) for i in range(count)]
+
+
+def test_a_policy_does_as_its_teacher_would_as_often_as_it_shall():
+    own = chosen(POLICY, choosing.NOTHING, 0.5)
+    assert own == chosen(POLICY, 1, 0.0)
+    assert chosen(POLICY, 1, 1.0) == [1] * len(own)
+    some = chosen(POLICY, 1, 0.5)
+    assert abs(np.mean([ours != theirs for ours, theirs in zip(own, some, strict=True)]) - 0.5) < 0.05
+    assert all(theirs in (ours, 1) for ours, theirs in zip(own, some, strict=True))
+
+
+def test_a_teacher_is_not_heard_where_that_is_not_allowed_or_the_best_is_taken():
+    assert chosen(POLICY, 1, 1.0, 0b1101) == chosen(POLICY, choosing.NOTHING, 0.0, 0b1101)
+    assert set(chosen(POLICY, 1, 1.0, greedy=True)) == {2}
+    assert chosen(VALUES, 1, 0.0) == chosen(VALUES, choosing.NOTHING, 0.0)

@@ -12,6 +12,10 @@ POLICY = {"ppo": {"learning_rate": 0.1, "epochs": 2}}
 GIVEN = {
     "dqn": VALUES,
     "drqn": VALUES,
+    "imitate": {
+        "imitation": {"learning_rate": 0.1, "updates": 2, "batch_size": 8},
+        "replay": {"capacity": 100},
+    },
     "ppo": POLICY,
     "ppor": {"ppo": POLICY["ppo"] | {"batch_size": 8}, "replay": {"capacity": 100}},
     "sil": POLICY | {"sil": {"epochs": 2, "batch_size": 8}, "replay": {"capacity": 100, "beta": 0}},
@@ -30,14 +34,14 @@ def settings(rule, changes=()):
 
 
 def test_there_is_a_file_a_rule():
-    assert rules() == ("dqn", "drqn", "ppo", "ppor", "sil")
+    assert rules() == ("dqn", "drqn", "imitate", "ppo", "ppor", "sil")
     assert all(issubclass(settings_of(rule), RuleSettings) for rule in rules())
     assert set(GIVEN) == set(rules())
 
 
 @pytest.mark.parametrize("rule", ["dqnn", "settings", "replay", "values", "policies", "", "..dqn", None])
 def test_an_unknown_rule_is_named(rule):
-    with pytest.raises(ConfigError, match=r"^unknown rule .*known are dqn, drqn, ppo, ppor, sil$"):
+    with pytest.raises(ConfigError, match=r"^unknown rule .*known are dqn, drqn, imitate, ppo, ppor, sil$"):
         settings_of(rule)
 
 
@@ -47,6 +51,7 @@ def test_a_rule_has_its_sections_and_no_others():
     assert sections == {
         "dqn": values,
         "drqn": values,
+        "imitate": {"teacher", "imitation", "replay"},
         "ppo": {"ppo"},
         "ppor": {"ppo", "replay"},
         "sil": {"ppo", "sil", "replay"},
@@ -57,6 +62,7 @@ def test_a_rule_has_a_network_of_its_own_kind():
     assert {rule: settings(rule).network.kind for rule in rules()} == {
         "dqn": "plain",
         "drqn": "recurrent",
+        "imitate": "actor-critic",
         "ppo": "actor-critic",
         "ppor": "actor-critic",
         "sil": "actor-critic",
@@ -65,10 +71,11 @@ def test_a_rule_has_a_network_of_its_own_kind():
 
 
 def test_a_rule_answers_what_the_rest_asks():
-    assert [rule for rule in rules() if settings(rule).has_probabilities] == ["ppo", "ppor", "sil"]
-    assert [settings(rule).steps_a_fragment for rule in rules()] == [None] * 5
+    assert [rule for rule in rules() if settings(rule).has_probabilities] == ["imitate", "ppo", "ppor", "sil"]
+    assert [settings(rule).steps_a_fragment for rule in rules()] == [None] * 6
     assert settings("dqn", {"fragment_steps": 30}).steps_a_fragment == 30
-    assert [settings(rule).epsilon(0, 100) for rule in rules()] == [0.9, 0.9, 0, 0, 0]
+    assert [settings(rule).orders_of_teacher for rule in rules()] == [0, 0, 1, 0, 0, 0]
+    assert [settings(rule).epsilon(0, 100) for rule in rules()] == [0.9, 0.9, 1, 0, 0, 0]
     assert settings("drqn").epsilon(50, 100) == pytest.approx(0.01)
     assert {settings(rule).module(12, 3, seed=1) for rule in rules()} == {None}
 
