@@ -34,7 +34,7 @@ SETTINGS: list[dict[str, Any]] = [
     {"observation": LocalObservation(radius=3), "reward": DelayReward(), "decisions": "legacy"},
     {"interlocking": "valid", "decisions": "always", "observation": TreeObservation(depth=1)},
     {"interlocking": "safe", "observation": TreeObservation(depth=1), "reward": SHAPED},
-    {"interlocking": "planned", "observation": TreeObservation(depth=1), "reward": DelayReward()},
+    {"interlocking": "planned", "observation": TrafficObservation(others=2), "reward": DelayReward()},
     {"observation": TrafficObservation(others=3)},
     {"observation": TrafficObservation(), "reward": SHAPED, "decisions": "always"},
 ]

@@ -10,6 +10,7 @@ from common.rail.compiled.decisions import decides
 from common.rail.compiled.malfunctions import begin
 from common.rail.compiled.paths import lay_rails, measure, number_cells
 from common.rail.compiled.step import start, step
+from common.rail.interlocking.signals import OFF
 from common.rail.rewards.table import pay
 from common.rail.world import MOVE_LEFT, MOVE_RIGHT
 
@@ -190,7 +191,7 @@ def step_all(
             own = obey or deciding[slot, at]
             trains[at]["action"] = actions[slot, at] if own else unasked(trains[at]["config"], interlocking)
         step(batch, slot, legacy)
-        if not legacy:
+        if not legacy and interlocking != OFF:
             bind(trains[: batch.worlds[slot]["trains"]], deciding[slot])
         pay(batch, slot, rewards[slot], weights)
         survey(batch, slot, mode, deciding, arrived, over)

@@ -162,6 +162,7 @@ def is_safe(batch: Batch, slot: int, mode: int, at: int, action: int, signals: S
     if length == 0 or not is_free(signals, at, on_map, length):
         return False
     cell = signals.cells[signals.routes[at, 0] >> 2]
+    occupant = int(cell["occupant"])  # itself, or who leaves where it departs
     for other in range(n_trains):
         trains[other]["kept"] = trains[other]["rest"]
     of["length"], cell["occupant"] = length, at
@@ -169,8 +170,7 @@ def is_safe(batch: Batch, slot: int, mode: int, at: int, action: int, signals: S
     goes = of["rest"] >= on_map or of["rest"] == NOTHING
     proven = is_proven(batch, slot, signals, at, mode == PLANNED and goes) and goes
     of["length"] = on_map
-    if not on_map:
-        cell["occupant"] = NOTHING
+    cell["occupant"] = occupant
     for other in range(n_trains):
         trains[other]["rest"] = trains[other]["kept"]
     return proven

@@ -190,6 +190,20 @@ def test_values_are_in_range_and_absent_things_are_zeros(others: int):
         world.step(rng.choice(5, p=MIX, size=(1, 7)).astype(np.int8))
 
 
+def test_what_a_train_sees_does_not_depend_on_who_else_looks():
+    world, rng = played(generate("hard", 4), 0), np.random.default_rng(0)
+    compared = 0
+    for _ in range(40):
+        together = world.observe_deciding()[1]
+        for row, train in enumerate(np.flatnonzero(world.deciding()[0]).tolist()):
+            asking = np.zeros((1, 7), np.bool_)
+            asking[0, train] = True
+            assert world._look(asking)[0].tobytes() == together[row].tobytes()
+            compared += 1
+        world.step(rng.choice(5, p=MIX, size=(1, 7)).astype(np.int8))
+    assert compared > 50
+
+
 def test_numbers_of_trains_change_nothing_but_who_goes_first():
     level, rng = generate("hard", 5), np.random.default_rng(5)
     order = rng.permutation(7)
