@@ -12,7 +12,7 @@ from common.mapping_file import read_mapping
 from common.strict import ConfigError, nearest
 from common.world import WorldSpec, chosen_levels, read_world
 
-KEYS = ("observation", "decisions", "reward", "interlocking")  # of a run file, beside its levels
+KEYS = ("observation", "decisions", "reward", "interlocking", "patience")  # of a run file, beside its levels
 
 
 @dataclass(frozen=True)

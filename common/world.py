@@ -29,6 +29,7 @@ class WorldSpec(Strict):
     decisions: Decisions = "cells"
     reward: AnyReward = StudyReward()
     interlocking: Interlocking = "off"
+    patience: int | None = Field(default=None, ge=1, le=100_000)  # steps that a train may stand that may go, if safe
 
     @field_validator("levels")
     @classmethod

@@ -101,6 +101,7 @@ def conditions(world: WorldSpec, rules: Rules) -> dict[str, Any]:
         "decisions": world.decisions,
         "reward": world.reward,
         "interlocking": world.interlocking,
+        "patience": world.patience,
         "bounds": world.bounds,
     }
 

@@ -40,6 +40,7 @@ class Settings:
     decisions: Decisions = "cells"
     reward: AnyReward = STUDY_REWARD
     interlocking: Interlocking = "off"
+    patience: int | None = None
     bounds: Bounds | None = None
 
 
@@ -84,7 +85,7 @@ class FlatlandEpisode:
     def _made_mirror(self) -> Mirror:
         settings = self._settings
         told = settings.observation, settings.rules, settings.bounds, settings.decisions, settings.reward
-        return Mirror(self._env, self.level, *told, settings.interlocking, self._actions)
+        return Mirror(self._env, self.level, *told, settings.interlocking, settings.patience, self._actions)
 
     def step(self, actions: Sequence[int]) -> list[float]:
         """One step: the trains' rewards. A committed train follows its earlier action instead."""
@@ -207,12 +208,13 @@ class FlatlandWorld:
         decisions: Decisions = "cells",
         reward: AnyReward = STUDY_REWARD,
         interlocking: Interlocking = "off",
+        patience: int | None = None,
         bounds: Bounds | None = None,
     ) -> None:
         self.slots = slots
         self.max_trains = max_trains
         self.n_features = observation.n_features(bounds)
-        self._settings = Settings(rules, observation, decisions, reward, interlocking, bounds)
+        self._settings = Settings(rules, observation, decisions, reward, interlocking, patience, bounds)
         self._episodes: list[FlatlandEpisode | None] = [None] * slots
         self._deciding = np.zeros((slots, max_trains), dtype=np.bool_)
         self._arrived = np.zeros((slots, max_trains), dtype=np.bool_)

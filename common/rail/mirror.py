@@ -37,6 +37,7 @@ class Mirror:
         decisions: Decisions,
         reward: AnyReward,
         interlocking: Interlocking = "off",
+        patience: int | None = None,
         actions: LegacyActions | None = None,
     ) -> None:
         """Show an environment that was just loaded with a level; `actions` know which trains are committed."""
@@ -44,9 +45,8 @@ class Mirror:
         self._actions = actions
         self._observation = header_of(observation, rules, bounds, decisions)
         self._n_features = observation.n_features(bounds)
-        self._world = CompiledWorld(
-            1, level.n_trains, rules=rules, decisions=decisions, reward=reward, interlocking=interlocking
-        )
+        asked: dict[str, Any] = {"decisions": decisions, "interlocking": interlocking, "patience": patience}
+        self._world = CompiledWorld(1, level.n_trains, rules=rules, reward=reward, **asked)
         self._world.load(0, level)
         cells = self._world.batch.cells[0, : self._world.batch.worlds[0]["cells"]]
         places = zip(cells["row"].tolist(), cells["column"].tolist(), strict=True)

@@ -72,7 +72,8 @@ class CompiledWorld:
         observation: what trains see.
         decisions: see `common.rail.compiled.decisions`.
         reward: what trains are paid.
-        interlocking: which actions trains are granted, see `common.rail.interlocking.signals`.
+        interlocking: which actions trains are granted, see `common.rail.interlocking.asking`, also for
+        patience: steps; None: endless.
         bounds: of the largest level; None: unknown, which does for observations that do not depend on it.
 
     Attributes:
@@ -92,6 +93,7 @@ class CompiledWorld:
         decisions: Decisions = "cells",
         reward: AnyReward = STUDY_REWARD,
         interlocking: Interlocking = "off",
+        patience: int | None = None,
         bounds: Bounds | None = None,
     ) -> None:
         self.slots = slots
@@ -104,8 +106,9 @@ class CompiledWorld:
         self._decisions = DECISIONS[decisions]
         self._reward = weights_of(reward)
         self._interlocking = INTERLOCKINGS[interlocking]
+        self._patience = patience
         self._sight = sight_of(self.batch, PREDICTED_STEPS)
-        self._signals = signals_for(self.batch)
+        self._signals = signals_for(self.batch, patience)
         self._desk: Desk | None = None  # of the teacher, once it is asked
         self._deciding = np.zeros((slots, max_trains), np.bool_)
         self._arrived = np.zeros((slots, max_trains), np.bool_)
@@ -300,4 +303,4 @@ class CompiledWorld:
         if cells > self.batch.cells.shape[1] or (breaks and self.batch.known.shape[1] == 1):
             self.batch = enlarged(self.batch, cells, breaks=breaks)
             self._sight = sight_of(self.batch, PREDICTED_STEPS)
-            self._signals = signals_for(self.batch)
+            self._signals = signals_for(self.batch, self._patience)

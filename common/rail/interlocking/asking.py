@@ -14,6 +14,8 @@
 | planned | as safe, or once one train has stepped aside |
 
 A train that was granted a move and could not make it, since it broke down, say, is bound to it: others count on it.
+With patience a train that has stood on the map for so many steps may not stop again where it may go on, so that trains
+do not wait for each other for ever out of politeness.
 Who could go to where another one is that has to be asked is asked after it, so that it knows whether that one leaves.
 """
 
@@ -32,6 +34,7 @@ from common.rail.interlocking.signals import (
     DECISIONS,
     MODE,
     OFF,
+    PATIENCE,
     PLANNED,
     ROUNDS,
     SAFE,
@@ -126,7 +129,9 @@ def allowed(batch: Batch, slot: int, mode: int, train: int, signals: Signals) ->
     for action in range(MOVE_LEFT, MOVE_RIGHT + 1):
         if bits >> action & 1 and is_safe(batch, slot, mode, train, action, signals):
             safe |= 1 << action
-    return safe
+    patience = signals.numbers[PATIENCE]
+    is_late = patience > 0 and of["config"] != NOWHERE and of["stood"] >= patience
+    return safe & ~STOP if is_late and safe != STOP else safe
 
 
 @bare_kernel

@@ -63,7 +63,8 @@ def judge(batch: Batch, slot: int, at: int, allowed: int, decisions: int, teache
             to = int(train["start"]) if here == NOWHERE else leave(codes, leads, here, action)
             if to != NOTHING and distance[to] < least:
                 shortest, least = action, int(distance[to])
-    if shortest == STOP_MOVING or train["stood"] >= teacher.patience:
+    is_late = here != NOWHERE and train["stood"] >= teacher.patience
+    if shortest == STOP_MOVING or is_late:
         return shortest
     best, first = shortest, spent(batch, slot, at, shortest, decisions, teacher, desk)
     fewest = first - teacher.margin + 1  # what the next has to be below

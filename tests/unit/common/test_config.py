@@ -233,6 +233,7 @@ def test_in_files_all_keys_stand_side_by_side():
         "observation": TreeObservation().model_dump(),
         "decisions": "cells",
         "interlocking": "off",
+        "patience": None,
         "reward": {"kind": "study"},
         "network": {"kind": "plain", "hidden": [16, 16]},
         "discount": 0.99,

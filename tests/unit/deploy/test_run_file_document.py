@@ -12,7 +12,7 @@ from deploy.resolve import algorithms, resolve
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "run-file.md").read_text()
 NAMED = set(re.findall(r"^\| `([\w.]+)` \|", DOCUMENT, re.MULTILINE))
 WHOLE = ("mix", "cluster.actors")  # whose keys are names of levels
-OF_THE_WORLD = ("levels", "observation", "decisions", "reward", "interlocking")
+OF_THE_WORLD = ("levels", "observation", "decisions", "reward", "interlocking", "patience")
 
 
 @pytest.mark.parametrize("algorithm", algorithms())
