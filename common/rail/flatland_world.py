@@ -26,7 +26,7 @@ from common.rail.interlocking.signals import ALL_ACTIONS, INTERLOCKINGS, SAFE, I
 from common.rail.mirror import Mirror
 from common.rail.observations.table import AnyObservation
 from common.rail.orders import orders_of
-from common.rail.planning.advising import Teacher
+from common.rail.planning.judging import Teacher
 from common.rail.rewards.table import AnyReward
 from common.rail.world import DO_NOTHING, MOVE_FORWARD, check_level
 

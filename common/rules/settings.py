@@ -40,7 +40,7 @@ class RuleSettings(Strict):
 
     @property
     def teaching(self) -> tuple[int, int, int] | None:
-        """Orders, margin and patience of the teacher of every decision (`common.rail.planning.judging`), if there is one."""
+        """Orders, margin and patience of the teacher of all decisions (`common.rail.planning.judging`), if any."""
         return None
 
     def module(self, n_features: int, n_actions: int, seed: int) -> Any:  # noqa: ARG002

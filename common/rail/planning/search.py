@@ -214,7 +214,7 @@ def find(
     committed = NOTHING
     if origin != NOWHERE and train["committed"] != NOTHING:
         committed = leave(codes, leads, origin, int(train["committed"]))
-    elif first not in (ANYTHING, origin):
+    elif first > ANYTHING and first != origin:
         committed = first
     per_cell, earliest = pace(batch, slot, at), ready(batch, slot, at)
     way[: steps + 1] = NOWHERE
