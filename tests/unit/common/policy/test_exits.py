@@ -130,7 +130,7 @@ def test_it_learns_by_autograd_what_its_twin_acts_with():
     config = parse_config(config_of())
     assert config.learning.learns_with_torch
     n_features = config.world.n_features
-    network = build_network(Learning(1, 2, config.learning, n_features))
+    network = build_network(Learning(1, 2, config.learning, n_features), 0.01, 0.5)
     assert isinstance(network, PolicyNetwork)
     twin = Twin(Layout("exits", n_features, N_ACTIONS, (8, 8)))
     x = seen(2)[1:]
