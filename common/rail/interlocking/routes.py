@@ -2,9 +2,10 @@
 
 A train's *route* is where it is and all that it runs over, unasked, until it is asked again or arrives: after a granted
 action it runs on over all cells in which it does not decide. A route is *locked*: another one is only granted if it
-touches none, but for two cases.
+touches none, but for three cases.
 
 - It follows: the other train is on it, with the same heading, so that from there both routes are one.
+- It joins: the other train is in a cell of it with another heading, and goes on from there as it does itself.
 - It waits: of the other's route it touches no more than the cell where that train is, which is left for certain.
 
 What a train has run over it holds no more. So no two trains ever wait for each other on their way, however long they
