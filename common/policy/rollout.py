@@ -20,7 +20,7 @@ from common.policy.twin import forward_row, workspace_size
 from common.rail.compiled.batches import step_all
 from common.rail.compiled.world import CompiledWorld, Parts
 from common.rail.interlocking.asking import allowed, begin, grant, next_asked
-from common.rail.interlocking.signals import ALL_ACTIONS
+from common.rail.interlocking.signals import ALL_ACTIONS, OFF
 from common.rail.observations.table import look
 from common.rail.planning.advising import Desk, desk_for
 from common.rail.planning.judging import Teacher, judge
@@ -36,6 +36,25 @@ class Teaching(NamedTuple):
 
     teacher: Teacher
     desk: Desk
+
+
+@bare_kernel
+def begin_asking(parts: Parts) -> None:
+    """Before the trains of slot 0 are asked in a step."""
+    if parts.interlocking != OFF:
+        begin(parts.batch, 0, parts.interlocking, parts.decisions, parts.signals)
+
+
+@bare_kernel
+def ask(parts: Parts, in_turn: int) -> tuple[int, int]:
+    """The train of slot 0 that decides next and what it is allowed: anything, `in_turn`, without an interlocking.
+
+    Behind one they come in another order, as what one is granted binds the next.
+    """
+    if parts.interlocking == OFF:
+        return in_turn, ALL_ACTIONS
+    train = next_asked(parts.batch, 0, parts.deciding[0], parts.signals)
+    return train, allowed(parts.batch, 0, parts.interlocking, train, parts.signals)
 
 
 @bare_kernel
@@ -141,10 +160,9 @@ def run(
             for row in range(asking):
                 train = notes.trains[decisions + row]
                 forward_row(header, parameters, seen[row], states[train], outputs[row], places, values, sums)
-            begin(parts.batch, 0, parts.interlocking, parts.decisions, parts.signals)
-            for _ in range(asking):  # in another order than the rows, as what one is granted binds the next
-                train = next_asked(parts.batch, 0, parts.deciding[0], parts.signals)
-                bits = allowed(parts.batch, 0, parts.interlocking, train, parts.signals)
+            begin_asking(parts)
+            for row in range(asking):
+                train, bits = ask(parts, notes.trains[decisions + row])
                 at, scores = decisions + rows[train], outputs[rows[train], :n_actions]
                 counter = np.uint64(draw_counter(step, n_trains, train))
                 label = label_of(parts, train, bits, teaching)

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import bare_kernel
-from common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, Batch
+from common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, SINGLE, Batch
 from common.rail.interlocking.asking import allowed, begin, grant, next_asked
 from common.rail.interlocking.signals import ALL_ACTIONS, OFF, SAFE, Signals
-from common.rail.world import DO_NOTHING, MOVE_FORWARD
+from common.rail.world import DO_NOTHING, MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT
 
 
 class Asking(Protocol):
@@ -81,9 +81,17 @@ def allowed_each(  # noqa: PLR0913
 
 
 @bare_kernel
-def unasked(config: int, mode: int) -> int:
+def unasked(codes: NDArray[np.int32], config: int, mode: int) -> int:
     """What a train is told that does not decide; `config` is NOWHERE off the map, which nobody leaves unasked.
 
-    A train that broke down before it departed would otherwise come onto the map when it is repaired.
+    A train that broke down before it departed would otherwise come onto the map when it is repaired. Where rails only
+    branch off to both sides, a slow one that is told to drive straight on before the end of the cell would stop for
+    good; told to turn it runs on, and at the end it decides.
     """
-    return DO_NOTHING if mode >= SAFE and config == NOWHERE else MOVE_FORWARD
+    if mode < SAFE:
+        return MOVE_FORWARD
+    if config == NOWHERE:
+        return DO_NOTHING
+    if codes[config] & SINGLE or codes[config] >> (config & 3) & 1:
+        return MOVE_FORWARD
+    return MOVE_LEFT if codes[config] >> ((config + 3) & 3) & 1 else MOVE_RIGHT

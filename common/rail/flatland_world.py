@@ -22,13 +22,13 @@ from common.rail.compiled.world import STUDY_REWARD, STUDY_TREE
 from common.rail.decisions import decision_cells
 from common.rail.flatland_env import ACTIONS, LegacyActions, LevelEnv, StudyRewards
 from common.rail.flatland_sights import LegacyTrees, sight_of
-from common.rail.interlocking.signals import ALL_ACTIONS, INTERLOCKINGS, SAFE, Interlocking
+from common.rail.interlocking.signals import ALL_ACTIONS, Interlocking
 from common.rail.mirror import Mirror
 from common.rail.observations.table import AnyObservation
 from common.rail.orders import orders_of
 from common.rail.planning.judging import Teacher
 from common.rail.rewards.table import AnyReward
-from common.rail.world import DO_NOTHING, MOVE_FORWARD, check_level
+from common.rail.world import MOVE_FORWARD, check_level
 
 
 @dataclass(frozen=True)
@@ -149,9 +149,7 @@ class FlatlandEpisode:
 
     def unasked(self) -> list[int]:
         """[N]: what the trains are told that do not decide; see `common.rail.asking.unasked`."""
-        if INTERLOCKINGS[self._settings.interlocking] < SAFE:
-            return [MOVE_FORWARD] * self.level.n_trains
-        return [DO_NOTHING if here is None else MOVE_FORWARD for here in self.configurations()]
+        return [MOVE_FORWARD] * self.level.n_trains if self._mirror is None else self._mirror.unasked()
 
     def arrived(self) -> list[bool]:
         return [agent.state == TrainState.DONE for agent in self._agents]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from common.levels.distributions import Bounds, Rules
 from common.levels.level import Level
-from common.rail.asking import Asking, asking_of
+from common.rail.asking import Asking, asking_of, unasked
 from common.rail.compiled.arrays import IS_OCCUPIED, NOTHING, NOWHERE
 from common.rail.compiled.batches import bind
 from common.rail.compiled.decisions import Decisions
@@ -113,6 +113,11 @@ class Mirror:
     def allowed(self) -> NDArray[np.uint8]:
         """[N], as `World.allowed`."""
         return self._world.allowed(0)
+
+    def unasked(self) -> list[int]:
+        """[N]: what the trains are told that do not decide; see `common.rail.asking.unasked`."""
+        batch, mode = self._world.batch, self._world.parts().interlocking
+        return [int(unasked(batch.codes[0], here, mode)) for here in batch.trains[0]["config"].tolist()]
 
     def _copy_train(self, train: np.void, agent: Any, unit: int) -> None:
         train["state"] = int(agent.state)

@@ -186,10 +186,10 @@ def step_all(
         rewards[slot] = 0
         if over[slot]:
             continue
-        trains = batch.trains[slot]
+        trains, codes = batch.trains[slot], batch.codes[slot]
         for at in range(batch.worlds[slot]["trains"]):
             own = obey or deciding[slot, at]
-            trains[at]["action"] = actions[slot, at] if own else unasked(trains[at]["config"], interlocking)
+            trains[at]["action"] = actions[slot, at] if own else unasked(codes, trains[at]["config"], interlocking)
         step(batch, slot, legacy)
         if not legacy and interlocking != OFF:
             bind(trains[: batch.worlds[slot]["trains"]], deciding[slot])

@@ -34,7 +34,7 @@ def drive_on_as_allowed(parts: Parts, mode: int, actions: NDArray[np.int8]) -> N
     batch, signals, deciding = parts.batch, parts.signals, parts.deciding[0]
     codes, leads = batch.codes[0], batch.leads[0]
     for at in range(len(actions)):
-        actions[at] = unasked(batch.trains[0, at]["config"], mode)
+        actions[at] = unasked(codes, batch.trains[0, at]["config"], mode)
     begin(batch, 0, mode, parts.decisions, signals)
     while True:
         at = next_asked(batch, 0, deciding, signals)

@@ -37,7 +37,7 @@ def heed(parts: Parts, orders: int, key: np.uint64, desk: Desk, actions: NDArray
     """Fill in the actions [N] of the trains of slot 0."""
     batch, mode, signals, deciding = parts.batch, parts.interlocking, parts.signals, parts.deciding[0]
     for train in range(len(actions)):
-        actions[train] = unasked(batch.trains[0, train]["config"], mode)
+        actions[train] = unasked(batch.codes[0], batch.trains[0, train]["config"], mode)
     if not deciding.any():
         return
     labels = np.empty(len(actions), np.int8)

@@ -13,6 +13,7 @@ WEST_END, EAST_END = 0x0004, 0x0100
 NORTH_WEST, NORTH_EAST, SOUTH_EAST, SOUTH_WEST = 0x4002, 0x1200, 0x0810, 0x0048  # corners of a ring, where they lie
 EAST_TO_NORTH = 0x0400 | 0x0001 | 0x0800 | 0x0010  # a line along, from which trains to the east may turn north
 WEST_TO_NORTH = 0x0400 | 0x0001 | 0x0008 | 0x0040
+EAST_TO_BOTH = 0x0800 | 0x0200 | 0x0010 | 0x1000  # trains to the east turn north or south, those come out to the west
 
 
 def line(*trains: tuple[int, int, int], max_steps: int = 20) -> Level:
@@ -40,6 +41,18 @@ def passing_loop(*trains: tuple[int, int, int], max_steps: int = 20) -> Level:
         grid=grid,
         starts=level.starts + np.array([1, 0, 0], np.int32),
         targets=level.targets + np.array([1, 0], np.int32),
+    )
+
+
+def fork(target: int, *, max_steps: int = 40) -> Level:
+    """A line that only branches to both sides in its last cell; a train goes there, and on to the row of its target."""
+    return Level(
+        grid=np.array(
+            [[0, 0, NORTH_WEST, EAST_END], [WEST_END, ALONG, EAST_TO_BOTH, 0], [0, 0, SOUTH_WEST, EAST_END]], np.uint16
+        ),
+        starts=np.array([[1, 1, EAST]], np.int32),
+        targets=np.array([[target, 3]], np.int32),
+        max_steps=max_steps,
     )
 
 

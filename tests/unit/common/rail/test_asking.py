@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_rails import EAST, ring, scheduled
+from made_rails import EAST, fork, ring, scheduled
 
 from common.levels.supply import LevelSupply
 from common.rail.compiled.arrays import BROKEN_OFF_MAP, MOVING, READY
 from common.rail.compiled.world import CompiledWorld
-from common.rail.world import MOVE_FORWARD, STOP_MOVING
+from common.rail.flatland_world import FlatlandWorld
+from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
 
 
 @pytest.mark.parametrize(("mode", "then"), [("off", MOVING), ("valid", MOVING), ("safe", READY), ("planned", READY)])
@@ -21,6 +22,23 @@ def test_a_repaired_train_comes_onto_the_map_when_it_is_asked(mode, then):
     for state in (BROKEN_OFF_MAP, BROKEN_OFF_MAP, then):
         world.step(nobody_decides)
         assert train["state"] == state
+
+
+@pytest.mark.parametrize("engine", [CompiledWorld, FlatlandWorld])
+@pytest.mark.parametrize(("mode", "arrives"), [("off", False), ("valid", False), ("safe", True), ("planned", True)])
+@pytest.mark.parametrize(("row", "turn"), [(0, MOVE_LEFT), (2, MOVE_RIGHT)])
+@pytest.mark.parametrize("decisions", ["cells", "always"])
+def test_a_slow_train_runs_to_the_end_of_a_cell_that_only_branches_to_both_sides(
+    decisions, row, turn, mode, arrives, engine
+):
+    world = engine(1, 1, rules="stock", interlocking=mode, decisions=decisions)
+    world.load(0, scheduled(fork(row), speeds=[(1, 4)]))
+    while not world.over()[0]:
+        actions = np.full((1, 1), MOVE_FORWARD, np.int8)
+        for train, allowed in world.ask(0):
+            actions[0, train] = MOVE_FORWARD if allowed >> MOVE_FORWARD & 1 else turn
+        world.step(actions)
+    assert world.arrived()[0, 0] == arrives
 
 
 @pytest.mark.parametrize("mode", ["off", "valid", "safe", "planned"])

@@ -54,7 +54,7 @@ class Watched:
         """What those that decide are allowed, one after the other; each takes something of it."""
         self.begin()
         found, actions = {}, np.full((1, self.world.max_trains), MOVE_FORWARD, np.int8)
-        actions[0] = [unasked(train["config"], self.mode) for train in self.trains]
+        actions[0] = [unasked(self.batch.codes[0], train["config"], self.mode) for train in self.trains]
         while (train := next_asked(self.batch, 0, self.deciding, self.signals)) != NOTHING:
             bits = allowed(self.batch, 0, self.mode, train, self.signals)
             choices = [action for action in range(5) if bits >> action & 1]
