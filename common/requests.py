@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 from pydantic import Field
 
@@ -21,6 +21,7 @@ Reference = Literal[
     "planner-replanned",
     "alone",
 ]
+Demonstrator = Literal["planner", "planner-replanned", "shortest-path-planned"]
 PLANNING: tuple[Reference, ...] = ("planner", "planner-replanned")  # references that try orders of trains
 DRAWING: tuple[Reference, ...] = ("random", *PLANNING)  # references that draw
 ORDERS = 50
@@ -74,6 +75,32 @@ class ReferenceRequest(Strict):
     draws: int = Field(default=0, ge=0)
     orders: int = Field(default=ORDERS, ge=1)
     levels: LevelChoice
+
+
+class DemonstrationRequest(Strict):
+    """A policy shall play training levels as a run would, and what it does be written to a file.
+
+    Attributes:
+        policy: the name of a reference policy, or None: that of a checkpoint.
+        checkpoint: its file, or None.
+        mode: how a checkpoint acts; None: as its run scores it.
+        orders: of trains that planners try.
+        config: of the run, plain.
+        episodes: how many, from the run's first.
+        base: where the paths of its level files start from.
+        bank: where generated levels may lie ready.
+        file: what to write.
+    """
+
+    policy: Demonstrator | None = None
+    checkpoint: Path | None = None
+    mode: Mode | None = None
+    orders: int = Field(default=ORDERS, ge=1)
+    config: dict[str, Any]
+    episodes: int = Field(ge=1)
+    base: Path = Path()
+    bank: Path | None = None
+    file: Path
 
 
 def asked(model: type[R]) -> R:

@@ -42,6 +42,10 @@ app = group(
             "deploy.commands.evaluate:evaluate",
             "Play levels with a checkpoint or a reference policy, and print what becomes of them.",
         ),
+        "demonstrate": Verb(
+            "deploy.commands.demonstrate:demonstrate",
+            "Write episodes that a policy plays on the training levels of a run, for others to learn.",
+        ),
         "report": Verb(
             "deploy.commands.report:report",
             "Compare runs on a page that needs nothing else, or rank algorithms by how reliably they learn.",

@@ -21,17 +21,28 @@ def planner(seed: int, orders: int, index: int, parts: Parts) -> Act:
     Raises:
         ValueError: a plan would not come true.
     """
+    actions = actions_of_best_plan(seed, orders, index, parts)
+    return lambda step: actions[step]
+
+
+def actions_of_best_plan(
+    seed: int, orders: int, index: int, parts: Parts, *, anywhere: bool = True
+) -> NDArray[np.int8]:
+    """[T, N]: what makes the best of so many plans come true; `anywhere`: trains may wait where they do not decide.
+
+    Raises:
+        ValueError: a plan would not come true.
+    """
     world = parts.batch.worlds[0]
     trains = parts.batch.trains[0, : world["trains"]]
     if world["breaks"] or (trains["full_speed"] != world["unit"]).any():
         raise ValueError("the planner plans for trains of speed 1 that never break down: choose another policy")
-    ways = best_ways(seed, orders, index, parts)
+    ways = best_ways(seed, orders, index, parts, anywhere=anywhere)
     starts = parts.batch.trains[0, : len(ways)]["start"].copy()
-    actions = actions_for(parts.batch.codes[0], starts, ways)
-    return lambda step: actions[step]
+    return actions_for(parts.batch.codes[0], starts, ways)
 
 
-def best_ways(seed: int, orders: int, index: int, parts: Parts) -> NDArray[np.int32]:
+def best_ways(seed: int, orders: int, index: int, parts: Parts, *, anywhere: bool = True) -> NDArray[np.int32]:
     """[N, T + 1]: where trains are after so many steps, NOWHERE off the map.
 
     The first order is by distance, the nearest to its target first; the others are draws of (seed, index).
@@ -47,7 +58,7 @@ def best_ways(seed: int, orders: int, index: int, parts: Parts) -> NDArray[np.in
     best = np.empty_like(ways)
     least = np.iinfo(np.int64).max
     for _ in range(orders):
-        spent = plan(parts.batch, 0, order, room, steps, True, ways, arrivals, NOTHING, ANYTHING, least)
+        spent = plan(parts.batch, 0, order, room, steps, anywhere, ways, arrivals, NOTHING, ANYTHING, least)
         if spent < least:
             best, ways, least = ways, best, spent
         order = draws.permutation(len(trains))

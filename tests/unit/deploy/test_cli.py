@@ -23,7 +23,7 @@ from deploy.launch import new_run, write_cluster_file
 from deploy.resolve import resolve
 
 VERBS = ["up", "status", "tail", "logs", "scale", "pause", "resume", "checkpoint", "down"]
-VERBS += ["evaluate", "doctor", "bench"]
+VERBS += ["evaluate", "demonstrate", "doctor", "bench"]
 FAILED, WRONG_USAGE = 1, 2
 
 

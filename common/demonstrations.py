@@ -1,0 +1,155 @@
+"""Files of demonstrations: whole episodes that a policy played, as they travel on the wire.
+
+A line of JSON, which any version can read, says what is in a file and in which schema. Then come the episodes, for each
+the length of its message in 8 bytes, little-endian, and the message (`common.wire.codec`). Reading is strict: a file is
+what its first line says, to the last byte, or it is refused.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import BinaryIO, Final, Literal
+
+from pydantic import Field, ValidationError
+
+from common.records.base import Digest, Text
+from common.records.course import Course
+from common.strict import Strict, describe
+from common.wire.codec import MAX_MESSAGE_BYTES, SCHEMA_VERSION, Refused, decode, encode, encoding_of
+from common.world import WorldSpec
+
+FORMAT: Final = "railctl demonstrations"
+MOST_LINE_BYTES = 65_536
+LENGTH_BYTES = 8
+
+
+class DemonstrationsError(Exception):
+    """A file of demonstrations cannot be used: one line that names it."""
+
+
+class Heading(Strict):
+    """The first line of a file.
+
+    Attributes:
+        schema_version: of the messages.
+        world: `digest_of` the world that the episodes were played in.
+        n_features: F, what trains saw there.
+        policy: who played, in words.
+        episodes: how many there are.
+    """
+
+    format: Literal["railctl demonstrations"] = FORMAT
+    schema_version: int
+    world: Digest
+    n_features: int = Field(ge=1)
+    policy: Text
+    episodes: int = Field(ge=1)
+
+
+def digest_of(world: WorldSpec) -> str:
+    """What two worlds share that are the same: levels, observation, decisions, rewards and interlocking."""
+    text = json.dumps(world.model_dump(mode="json"), sort_keys=True)
+    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+
+def write_demonstrations(path: Path, world: WorldSpec, policy: str, episodes: int, courses: Iterable[Course]) -> None:
+    """Write as many episodes as are said, as they come; nobody ever sees a part of the file.
+
+    Raises:
+        OSError: it cannot be written.
+        ValueError: there are more or fewer episodes.
+    """
+    heading = Heading(
+        schema_version=SCHEMA_VERSION,
+        world=digest_of(world),
+        n_features=world.n_features,
+        policy=policy,
+        episodes=episodes,
+    )
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with temporary.open("wb") as file:
+            file.write(heading.model_dump_json().encode() + b"\n")
+            written = 0
+            for course in courses:
+                body = encode(course)
+                file.write(len(body).to_bytes(LENGTH_BYTES, "little") + body)
+                written += 1
+        if written != episodes:
+            raise ValueError(f"{path}: {written} episodes were played, {episodes} announced")
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def read_demonstrations(path: Path) -> tuple[Heading, Iterator[Course]]:
+    """What a file holds; its episodes are read as they are asked for.
+
+    Raises:
+        DemonstrationsError: the first line is not one; the episodes raise it as well, for what is wrong with them.
+    """
+    try:
+        with path.open("rb") as file:
+            heading = _heading(path, file.readline(MOST_LINE_BYTES))
+    except OSError as error:
+        raise DemonstrationsError(f"{path}: {error.strerror}: give a file of railctl demonstrate") from None
+    return heading, _courses(path, heading)
+
+
+def _heading(path: Path, line: bytes) -> Heading:
+    try:
+        plain = json.loads(line)
+    except ValueError:
+        plain = None
+    if not line.endswith(b"\n") or not isinstance(plain, dict) or plain.get("format") != FORMAT:
+        raise DemonstrationsError(f"{path}: no demonstrations: give a file of railctl demonstrate")
+    if plain.get("schema_version") != SCHEMA_VERSION:
+        version = str(plain.get("schema_version"))
+        raise DemonstrationsError(
+            f"{path}: its schema is {version:.20}, this version's {SCHEMA_VERSION}: make it anew with "
+            "railctl demonstrate"
+        )
+    try:
+        return Heading.model_validate(plain)
+    except ValidationError as error:
+        raise DemonstrationsError(f"{path}: first line: {describe(error, Heading)}") from None
+
+
+def _courses(path: Path, heading: Heading) -> Iterator[Course]:
+    with path.open("rb") as file:
+        file.readline(MOST_LINE_BYTES)
+        for number in range(heading.episodes):
+            try:
+                course = _course(file)
+                check_whole(course, heading.n_features)
+            except (Refused, ValueError) as error:
+                raise DemonstrationsError(
+                    f"{path}: episode {number}: {error}: make the file anew with railctl demonstrate"
+                ) from None
+            yield course
+        if file.read(1):
+            raise DemonstrationsError(f"{path}: holds more than {heading.episodes} episodes: make the file anew")
+
+
+def _course(file: BinaryIO) -> Course:
+    size = file.read(LENGTH_BYTES)
+    length = int.from_bytes(size, "little")
+    if len(size) == LENGTH_BYTES and length > MAX_MESSAGE_BYTES:
+        raise ValueError(f"{length} bytes exceed the limit of {MAX_MESSAGE_BYTES}")
+    body = file.read(length)
+    if len(size) < LENGTH_BYTES or len(body) < length:
+        raise ValueError("the file ends in it")
+    return decode(Course, encoding_of(Course), body)
+
+
+def check_whole(course: Course, n_features: int) -> None:
+    """Raises ValueError for what is no whole episode in which trains saw so many features."""
+    if course.first_step or not course.over:
+        raise ValueError("is not whole")
+    seen = course.decisions.observations.shape[1]
+    if seen != n_features:
+        raise ValueError(f"has {seen} features, not {n_features}")
+    if (course.decisions.labels != course.decisions.actions).any():
+        raise ValueError("has labels that are not its actions")

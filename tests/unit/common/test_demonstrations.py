@@ -1,0 +1,130 @@
+"""Files of demonstrations: what is written is read, and nothing else is."""
+
+import json
+
+import numpy as np
+import pytest
+
+from common.demonstrations import DemonstrationsError, digest_of, read_demonstrations, write_demonstrations
+from common.records.course import Course, Decisions
+from common.world import WorldSpec, study_world
+
+WORLD = WorldSpec(levels={"easy": study_world().levels["easy"]})
+
+
+def course(number=0, actions=(2, 4), first_step=0, labels=None):
+    count = len(actions)
+    return Course(
+        level_hash=f"{number:032x}",
+        max_steps=40,
+        first_step=first_step,
+        over=True,
+        decisions=Decisions(
+            observations=np.full((count, WORLD.n_features), number, np.float32),
+            times=np.full(count, first_step, np.int32),
+            trains=np.arange(count, dtype=np.int32),
+            actions=np.array(actions, np.int8),
+            allowed=np.full(count, 31, np.uint8),
+            log_probabilities=np.zeros(count, np.float32),
+            values=np.zeros(count, np.float32),
+            labels=np.array(actions if labels is None else labels, np.int8),
+        ),
+        rewards=np.zeros((3, 2), np.float32),
+        arrived_at=np.array([2, -1], np.int32),
+        final_observations=np.zeros((2, WORLD.n_features), np.float32),
+        final_allowed=np.full(2, 31, np.uint8),
+        states=np.zeros((2, 0), np.float32),
+    )
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "some.demos"
+    write_demonstrations(path, WORLD, "somebody", 2, map(course, range(2)))
+    return path
+
+
+def problem(path):
+    with pytest.raises(DemonstrationsError) as caught:
+        list(read_demonstrations(path)[1])
+    text = str(caught.value)
+    assert text.startswith(f"{path}: ")
+    assert "\n" not in text
+    return text.removeprefix(f"{path}: ")
+
+
+def test_what_was_written_is_read(path):
+    heading, courses = read_demonstrations(path)
+    assert (heading.policy, heading.episodes, heading.world) == ("somebody", 2, digest_of(WORLD))
+    for number, found in enumerate(courses):
+        assert found.level_hash == course(number).level_hash
+        for name, array in course(number).decisions.__dict__.items():
+            np.testing.assert_array_equal(getattr(found.decisions, name), array)
+    assert number == 1
+    assert [each.name for each in path.parent.iterdir()] == [path.name]
+
+
+def test_the_first_line_is_read_by_anybody(path):
+    assert json.loads(path.read_bytes().partition(b"\n")[0])["format"] == "railctl demonstrations"
+
+
+@pytest.mark.parametrize(
+    ("world", "same"),
+    [
+        (WORLD, True),
+        (WORLD.model_copy(update={"interlocking": "safe"}), False),
+        (WORLD.model_copy(update={"decisions": "always"}), False),
+        (study_world(), False),
+    ],
+)
+def test_a_world_is_known_by_its_digest(world, same):
+    assert (digest_of(world) == digest_of(WorldSpec.model_validate(WORLD.model_dump()))) == same
+
+
+def test_a_file_that_ends_early_is_refused_at_whatever_byte(path):
+    whole = path.read_bytes()
+    first = whole.index(b"\n") + 1
+    for size in (0, first - 1, first, first + 5, first + 9, len(whole) - 1):
+        path.write_bytes(whole[:size])
+        assert "no demonstrations" in problem(path) or "the file ends in it" in problem(path)
+
+
+def test_more_than_was_announced_is_refused(path):
+    path.write_bytes(path.read_bytes() + b"\0")
+    assert problem(path) == "holds more than 2 episodes: make the file anew"
+
+
+def test_another_schema_is_refused_by_its_number(path):
+    heading, _, rest = path.read_bytes().partition(b"\n")
+    path.write_bytes(json.dumps(json.loads(heading) | {"schema_version": 99}).encode() + b"\n" + rest)
+    assert problem(path).startswith("its schema is 99, this version's ")
+
+
+def test_an_unknown_key_of_the_first_line_is_refused(path):
+    heading, _, rest = path.read_bytes().partition(b"\n")
+    path.write_bytes(json.dumps(json.loads(heading) | {"polcy": ""}).encode() + b"\n" + rest)
+    assert problem(path).startswith("first line: unknown key polcy: did you mean policy?")
+
+
+@pytest.mark.parametrize(
+    ("odd", "text"),
+    [
+        (course(first_step=1), "is not whole"),
+        (course().model_copy(update={"over": False}), "is not whole"),
+        (course(labels=(2, -1)), "has labels that are not its actions"),
+    ],
+)
+def test_what_is_no_demonstration_is_refused(tmp_path, odd, text):
+    path = tmp_path / "odd.demos"
+    write_demonstrations(path, WORLD, "somebody", 2, [course(), odd])
+    assert problem(path) == f"episode 1: {text}: make the file anew with railctl demonstrate"
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    assert problem(tmp_path / "none") == "No such file or directory: give a file of railctl demonstrate"
+
+
+def test_nothing_is_left_of_a_file_that_was_not_finished(tmp_path):
+    with pytest.raises(ValueError, match="1 episodes were played, 2 announced"):
+        write_demonstrations(tmp_path / "short.demos", WORLD, "somebody", 2, [course()])
+    assert list(tmp_path.iterdir()) == []
