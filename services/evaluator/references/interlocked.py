@@ -33,7 +33,7 @@ def drive_on_as_allowed(parts: Parts, mode: int, actions: NDArray[np.int8]) -> N
     """Fill in actions [N] of slot 0."""
     batch, signals, deciding = parts.batch, parts.signals, parts.deciding[0]
     for at in range(len(actions)):
-        actions[at] = unasked(codes, batch.trains[0, at]["config"], mode)
+        actions[at] = unasked(batch.codes[0], batch.trains[0, at]["config"], mode)
     begin(batch, 0, mode, parts.decisions, signals)
     while True:
         at = next_asked(batch, 0, deciding, signals)
