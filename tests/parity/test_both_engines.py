@@ -35,12 +35,13 @@ SETTINGS: list[dict[str, Any]] = [
     {"interlocking": "valid", "decisions": "always", "observation": TreeObservation(depth=1)},
     {"interlocking": "safe", "observation": TreeObservation(depth=1), "reward": SHAPED},
     {"interlocking": "planned", "observation": TrafficObservation(others=2), "reward": DelayReward()},
+    {"interlocking": "safe", "patience": 3, "decisions": "always", "observation": TreeObservation(depth=1)},
     {"observation": TrafficObservation(others=3)},
     {"observation": TrafficObservation(), "reward": SHAPED, "decisions": "always"},
 ]
 NAMES = [
     *("as-in-the-study", "depth-1-delay-always", "plain-shaped-legacy", "repaired-shaped", "global", "local-delay"),
-    *("valid-always", "safe-shaped", "planned-delay"),
+    *("valid-always", "safe-shaped", "planned-delay", "safe-patience-always"),
     *("traffic", "traffic-always"),
 ]
 

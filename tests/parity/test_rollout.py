@@ -72,7 +72,7 @@ def test_both_engines_grant_the_same_actions(interlocking, kind):
     assert (free.final_allowed == 31).all()
 
 
-@pytest.mark.parametrize("interlocking", ["off", "safe"])
+@pytest.mark.parametrize("interlocking", ["off", "safe", "planned"])
 def test_both_engines_hear_the_same_from_a_teacher(interlocking):
     acting = Acting(
         twin_of("actor-critic", seed=3), epsilon=0.6, key=77, teacher=Teacher(orders=3, margin=1, patience=16, key=5)

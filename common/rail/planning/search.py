@@ -212,8 +212,9 @@ def find(
     width = off_map + 1
     start, origin = int(train["start"]), int(train["config"])
     committed = NOTHING
-    if origin != NOWHERE and train["committed"] != NOTHING:
-        committed = leave(codes, leads, origin, int(train["committed"]))
+    hindered = train["committed"] if train["committed"] != NOTHING else train["bound"]
+    if origin != NOWHERE and hindered != NOTHING:
+        committed = leave(codes, leads, origin, int(hindered))
     elif first > ANYTHING and first != origin:
         committed = first
     per_cell, earliest = pace(batch, slot, at), ready(batch, slot, at)

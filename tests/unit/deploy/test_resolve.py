@@ -566,7 +566,7 @@ LEVELS = st.fixed_dictionaries(COMMON | {"rules": st.just("legacy")}) | st.fixed
 )
 WORLDS = st.fixed_dictionaries(
     {
-        "observation": st.sampled_from(["tree", "global", {"depth": 1}]),
+        "observation": st.sampled_from(["tree", "global", {"kind": "tree", "depth": 1}]),
         "decisions": st.sampled_from(["cells", "legacy", "always"]),
         "reward": st.sampled_from(["study", "delay"]),
         "lag": st.sampled_from([0, 3]),

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_rails import EAST, fork, ring, scheduled
+from made_rails import EAST, fork, line, ring, scheduled
 
 from common.levels.supply import LevelSupply
 from common.rail.compiled.arrays import BROKEN_OFF_MAP, MOVING, READY
@@ -39,6 +39,21 @@ def test_a_slow_train_runs_to_the_end_of_a_cell_that_only_branches_to_both_sides
             actions[0, train] = MOVE_FORWARD if allowed >> MOVE_FORWARD & 1 else turn
         world.step(actions)
     assert world.arrived()[0, 0] == arrives
+
+
+@pytest.mark.parametrize("engine", [CompiledWorld, FlatlandWorld])
+@pytest.mark.parametrize("mode", ["safe", "planned"])
+def test_who_has_stood_on_the_map_for_long_goes_on_if_it_may(mode, engine):
+    world = engine(1, 2, interlocking=mode, decisions="always", patience=3)
+    world.load(0, line((2, EAST, 6), (3, EAST, 6)))
+    on, stop = 1 << MOVE_FORWARD, 1 << STOP_MOVING
+    for _ in range(5):  # off the map they have all the time
+        assert world.allowed(0).tolist() == [on | stop, on | stop]
+        world.step(np.full((1, 2), STOP_MOVING, np.int8))
+    world.step(np.full((1, 2), MOVE_FORWARD, np.int8))
+    for allowed in (on | stop, on | stop, on | stop, on):
+        assert world.allowed(0).tolist() == [stop, allowed]  # train 1 stands where train 0 would go
+        world.step(np.full((1, 2), STOP_MOVING, np.int8))
 
 
 @pytest.mark.parametrize("mode", ["off", "valid", "safe", "planned"])

@@ -74,7 +74,7 @@ def test_a_rule_answers_what_the_rest_asks():
     assert [rule for rule in rules() if settings(rule).has_probabilities] == ["imitate", "ppo", "ppor", "sil"]
     assert [settings(rule).steps_a_fragment for rule in rules()] == [None] * 6
     assert settings("dqn", {"fragment_steps": 30}).steps_a_fragment == 30
-    assert [settings(rule).orders_of_teacher for rule in rules()] == [0, 0, 1, 0, 0, 0]
+    assert [settings(rule).teaching for rule in rules()] == [None, None, (10, 4, 16), None, None, None]
     assert [settings(rule).epsilon(0, 100) for rule in rules()] == [0.9, 0.9, 1, 0, 0, 0]
     assert settings("drqn").epsilon(50, 100) == pytest.approx(0.01)
     assert {settings(rule).module(12, 3, seed=1) for rule in rules()} == {None}

@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_rails import EAST, WEST, line
+from made_rails import EAST, WEST, line, passing_loop
 
 from common.levels.supply import LevelSupply
 from common.rail.compiled.arrays import NOTHING, NOWHERE
@@ -30,6 +31,61 @@ def test_a_plan_is_given_up_once_it_cannot_be_better():
         assert (
             plan(parts.batch, 0, np.array([1, 0]), room, 20, True, ways, arrivals, NOTHING, ANYTHING, enough) == spent
         )
+
+
+def searched(world, first=ANYTHING, held=()):
+    """When train 0 arrives, and its way; others hold cells, each until some time."""
+    room, way = room_for(30, int(world.batch.worlds[0]["cells"])), np.empty(31, np.int32)
+    for cell, until in held:
+        room.held[: until + 1, cell] = 1
+    return find(world.batch, 0, 0, room, 30, True, first, way), way.tolist()
+
+
+def test_a_train_off_the_map_departs_first_or_waits_a_step():
+    world = loaded(line((2, EAST, 6)))
+    start = 2 * 4 + EAST
+    for first in (ANYTHING, start):
+        arrival, way = searched(world, first)
+        assert (arrival, way[:2]) == (5, [NOWHERE, start])
+    arrival, way = searched(world, NOWHERE)
+    assert (arrival, way[:3]) == (6, [NOWHERE, NOWHERE, start])
+    arrival, way = searched(world, start, held=[(2, 3)])
+    assert (arrival, way[:5]) == (8, [NOWHERE, NOWHERE, NOWHERE, NOWHERE, start])
+
+
+HERE, STRAIGHT, ROUND = 5 * 4 + EAST, 6 * 4 + EAST, 0 * 4  # on the passing loop: before it, and its two ways
+
+
+@pytest.fixture
+def before_a_loop():
+    world = loaded(passing_loop((2, EAST, 6)))
+    world.step(np.full((1, 1), MOVE_FORWARD, np.int8))
+    assert world.batch.trains[0, 0]["config"] == HERE
+    return world
+
+
+@pytest.mark.parametrize(
+    ("first", "arrival", "there"),
+    [(ANYTHING, 4, STRAIGHT), (STRAIGHT, 4, STRAIGHT), (ROUND, 6, ROUND), (HERE, 5, HERE)],
+)
+def test_a_train_on_the_map_goes_first_where_it_is_told_or_waits_a_step(before_a_loop, first, arrival, there):
+    found, way = searched(before_a_loop, first)
+    assert (found, way[:2]) == (arrival, [HERE, there])
+
+
+def test_a_train_that_is_told_where_to_go_first_waits_until_that_is_free(before_a_loop):
+    held = [(STRAIGHT >> 2, 9)]
+    assert searched(before_a_loop, held=held)[0] == 6
+    assert searched(before_a_loop, HERE, held=held)[0] == 7
+    arrival, way = searched(before_a_loop, STRAIGHT, held=held)
+    assert (arrival, way[:11]) == (13, [HERE] * 10 + [STRAIGHT])
+
+
+@pytest.mark.parametrize("rule", ["committed", "bound"])
+def test_a_train_that_does_not_decide_any_more_does_what_it_has_to(before_a_loop, rule):
+    before_a_loop.batch.trains[0, 0][rule] = MOVE_FORWARD
+    for first in (ANYTHING, ROUND):
+        assert searched(before_a_loop, first, held=[(STRAIGHT >> 2, 9)])[0] == 13
 
 
 LEVEL = LevelSupply().evaluation("easy", 0)
