@@ -4,7 +4,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from common.rules.settings import NetworkConfig, RuleSettings
+from common.rules.settings import NetworkConfig, RuleSettings, StartFrom
 from common.strict import Positive, Strict
 
 
@@ -46,3 +46,8 @@ class PolicySettings(ActorCriticSettings):
     """The settings of a rule that makes clipped updates."""
 
     ppo: PpoConfig
+    start_from: StartFrom | None = None
+
+    @property
+    def begins_with(self) -> StartFrom | None:
+        return self.start_from

@@ -315,7 +315,8 @@ def test_what_a_rule_had_no_use_for_is_forgotten():
         parse_config(yaml.safe_load((SAVED / f"{name}.yaml").read_text()))
         for name in ("ppo-medium", "dddqn-easy", "drqn-medium", "sil-hard")
     )
-    assert set(ppo.learning.model_dump()) == {"network", "discount", "ppo"}  # not exploration, nor batch_size
+    kept = {"network", "discount", "ppo", "start_from"}
+    assert set(ppo.learning.model_dump()) == kept  # not exploration, nor batch_size
     assert "batch_size" not in ppo.learning.ppo.model_dump()
     assert dddqn.learning.replay == UniformReplay(capacity=50000)
     assert "sequence_decisions" not in dddqn.learning.dqn.model_dump()
