@@ -46,6 +46,11 @@ class RunFolder:
         return self.path / "snapshots"
 
     @property
+    def start_file(self) -> Path:
+        """The run's copy of the checkpoint that it begins with, if it does."""
+        return self.path / "start.safetensors"
+
+    @property
     def board_file(self) -> Path:
         return self.path / "weights.board"
 

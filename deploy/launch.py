@@ -26,6 +26,7 @@ from common.snapshots import newest_snapshot
 from common.strict import ConfigError
 from deploy.plan import ENVIRONMENT
 from deploy.runs import Failed, runs_root, supervised
+from deploy.start import copy_start
 
 LOOPBACK = "127.0.0.1"
 PORTS = range(10_000, 32_000)  # below the ports that systems give to outgoing connections
@@ -44,15 +45,20 @@ def fresh_name(config: RunConfig) -> str:
 
 
 def new_run(
-    name: str, config: RunConfig, root: Path | None = None, own: Mapping[str, ReadLevels] = MappingProxyType({})
+    name: str,
+    config: RunConfig,
+    root: Path | None = None,
+    own: Mapping[str, ReadLevels] = MappingProxyType({}),
+    base: Path = Path(),
 ) -> RunFolder:
-    """Make the folder of a new run, with its copies of level files, whole or not at all.
+    """Make the folder of a new run, with its copies of what it needs of other files, whole or not at all.
 
     Args:
         name: of the run.
         config: what it does.
         root: the folder that it shall lie in; None: beside all other runs.
         own: what its level files hold, by the name of the distribution.
+        base: where the path of the checkpoint starts that it begins with.
 
     Raises:
         ConfigError, Failed: as `check_new`, or the folder cannot be made.
@@ -66,7 +72,11 @@ def new_run(
         (temporary / "logs").mkdir()
         for level, read in own.items():
             read.save(temporary / LEVELS, level)
+        copy_start(config, base, RunFolder(temporary).start_file)
         temporary.rename(path)
+    except Failed:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
     except OSError as error:
         shutil.rmtree(temporary, ignore_errors=True)
         raise Failed(

@@ -15,9 +15,11 @@ from common.mapping_file import read_mapping
 from common.rules import settings_of
 from common.strict import ConfigError, flat, nearest, section_of, shortened
 from common.world import WorldSpec, checked_world, chosen_levels, read_world
+from deploy.start import with_start_read
 
 Plain = dict[str, Any]
 LEVEL_FORM = re.compile(LEVEL_PATTERN)
+START = "start_from"  # a section that may be null
 EVALUATION_LEVELS = 50  # unless fewer are kept from training
 
 
@@ -45,7 +47,7 @@ def resolve(given: Plain, base: Path = Path()) -> RunConfig:
 
     Args:
         given: plain data, as a run file has it.
-        base: where relative paths of level files begin.
+        base: where relative paths of level files and checkpoints begin.
 
     Raises:
         ConfigError: one line that names field, value and remedy.
@@ -79,7 +81,7 @@ def resolve(given: Plain, base: Path = Path()) -> RunConfig:
     merged["levels"] = world.model_dump(mode="json")["levels"]
     if "actors" in given.get("cluster", {}):  # named actors replace the default ones, they do not add to them
         merged["cluster"]["actors"] = given["cluster"]["actors"]
-    return parse_config(merged)
+    return with_start_read(parse_config(merged), base)
 
 
 def _most_alike(world: WorldSpec, names: Sequence[str]) -> str:
@@ -146,7 +148,7 @@ def _told(mix: Mapping[Any, float]) -> str:
 
 
 def spelled_out(given: Plain, rule: str) -> Plain:
-    """Short forms written out: `level: easy` is `mix: {easy: 1}`, and a name is the `kind` of a section that has kinds.
+    """Short forms written out: `level: easy` is `mix: {easy: 1}`, a name is the `kind` of a section that has kinds.
 
     >>> spelled_out({"level": "easy", "replay": "prioritized"}, "dqn")
     {'replay': {'kind': 'prioritized'}, 'mix': {'easy': 1.0}}
@@ -155,6 +157,8 @@ def spelled_out(given: Plain, rule: str) -> Plain:
         ConfigError: both level and mix are given.
     """
     given = {key: _with_kind(str(key), value, rule) for key, value in given.items()}
+    if isinstance(given.get(START), str):
+        given[START] = {"checkpoint": given[START]}
     level = given.pop("level", None)
     if level is None:
         return given
@@ -182,7 +186,7 @@ def check_sections(given: Plain, rule: str) -> None:
         if not isinstance(name, str):
             raise ConfigError(f"{name}: keys should be strings, not {name!r}")
         is_section = name in ("mix", "levels") or _section(name, rule) is not None
-        if is_section and not isinstance(value, dict):
+        if is_section and not isinstance(value, dict) and not (name == START and value is None):
             raise ConfigError(f"{name}: input should be a valid dictionary, not {shortened(value)}")
 
 

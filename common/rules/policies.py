@@ -1,10 +1,10 @@
 """What rules share that learn a policy: an actor and a critic, and the clipped updates of both."""
 
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from common.rules.settings import NetworkConfig, RuleSettings
+from common.rules.settings import NetworkConfig, RuleSettings, StartFrom
 from common.strict import Positive, Strict
 
 
@@ -26,6 +26,7 @@ class PpoConfig(Strict):
     clip: Positive = 0.2  # of the ratio of probabilities, and of the change of a value
     value_weight: float = Field(default=0.5, ge=0, allow_inf_nan=False)
     entropy_weight: float = Field(default=0.01, ge=0, allow_inf_nan=False)
+    anchor_weight: float = Field(default=0.0, ge=0, allow_inf_nan=False)  # of the divergence from `start_from`
     max_gradient_norm: Positive = 0.5
 
 
@@ -46,3 +47,16 @@ class PolicySettings(ActorCriticSettings):
     """The settings of a rule that makes clipped updates."""
 
     ppo: PpoConfig
+    start_from: StartFrom | None = None
+
+    @model_validator(mode="after")
+    def _anchor_has_ground(self) -> Self:
+        if self.ppo.anchor_weight and self.start_from is None:
+            raise ValueError(
+                f"ppo.anchor_weight {self.ppo.anchor_weight:g}: it holds to the policy of start_from, give that as well"
+            )
+        return self
+
+    @property
+    def begins_with(self) -> StartFrom | None:
+        return self.start_from

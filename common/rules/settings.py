@@ -21,6 +21,18 @@ class NetworkConfig(Strict):
     hidden: Widths = (128, 128)
 
 
+class StartFrom(Strict):
+    """A checkpoint whose network a run begins with.
+
+    Attributes:
+        checkpoint: its file; relative paths start from the run file.
+        digest: that of the file, noted when the run is made, which keeps a copy of it.
+    """
+
+    checkpoint: str = Field(min_length=1)
+    digest: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")] | None = None
+
+
 class RuleSettings(Strict):
     """The settings of an update rule. Each rule adds its sections, and checks how they go together."""
 
@@ -41,6 +53,11 @@ class RuleSettings(Strict):
     @property
     def teaching(self) -> tuple[int, int, int] | None:
         """Orders, margin and patience of the teacher of all decisions (`common.rail.planning.judging`), if any."""
+        return None
+
+    @property
+    def begins_with(self) -> StartFrom | None:
+        """The checkpoint whose network is the first; None: that of the seed."""
         return None
 
     def module(self, n_features: int, n_actions: int, seed: int) -> Any:  # noqa: ARG002

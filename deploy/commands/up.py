@@ -96,7 +96,7 @@ def prepare(name: str | None, given: dict[str, Any], base: Path = Path()) -> tup
         for note in (note for read in own.values() for note in read.left_out):
             console.print(note, markup=False, soft_wrap=True)
         _prepare_levels(config)
-        return new_run(name, config, own=own), config
+        return new_run(name, config, own=own, base=base), config
     folder = RunFolder(runs_root() / name)
     config = resolve_existing(folder.config(), given, name, base)
     if not supervised(folder):

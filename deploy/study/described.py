@@ -148,6 +148,10 @@ def _check_settings(field: str, settings: Mapping[str, Any]) -> None:
     for key in OF_THE_STUDY:
         if key in settings:
             raise ConfigError(f"{field}.{key}: the study says it for all its runs, leave it out")
+    start = settings.get("start_from")
+    checkpoint = start.get("checkpoint") if isinstance(start, Mapping) else start
+    if isinstance(checkpoint, str) and not Path(checkpoint).is_absolute():
+        raise ConfigError(f"{field}.start_from {checkpoint}: a study runs from anywhere, give the whole path")
     cluster = settings.get("cluster")
     for key in OF_THE_MACHINE:
         if isinstance(cluster, dict) and key in cluster:

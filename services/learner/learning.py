@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
 
+import numpy as np
 from numpy.typing import NDArray
 
 from common.policy.flat import Arrays
@@ -32,6 +33,7 @@ class Learning(Generic[S_co]):
         n_features: F, what trains see.
         n_actions: A.
         least_reward: what a train gets in a step that gets the least for ever.
+        start: the parameters of the network that the run begins with, by name; None: the seed makes them.
     """
 
     seed: int
@@ -40,12 +42,20 @@ class Learning(Generic[S_co]):
     n_features: int
     n_actions: int = N_ACTIONS
     least_reward: float = -1.0
+    start: Mapping[str, NDArray[np.float32]] | None = None
 
 
-def learning_of(config: "RunConfig") -> Learning[RuleSettings]:
-    """The part of a run's configuration that learning sees."""
+def learning_of(config: "RunConfig", start: Mapping[str, NDArray[np.float32]] | None = None) -> Learning[RuleSettings]:
+    """The part of a run's configuration that learning sees, and the network that it begins with, if that is given."""
     world = config.world
-    return Learning(config.seed, config.episodes, config.learning, world.n_features, least_reward=world.reward.floor)
+    return Learning(
+        config.seed,
+        config.episodes,
+        config.learning,
+        world.n_features,
+        least_reward=world.reward.floor,
+        start=start,
+    )
 
 
 class Trainer(Protocol):

@@ -77,15 +77,23 @@ class Policy(Protocol):
 
 
 def build_network(learning: Learning[ActorCriticSettings], learning_rate: float, max_gradient_norm: float) -> Policy:
-    """The network of a run as its seed makes it: trained in compiled code, or by autograd if it has none."""
+    """The network that a run begins with: trained in compiled code, or by autograd if it has none.
+
+    Raises:
+        ValueError: naming the tensor of `learning.start` that does not fit.
+    """
     settings, sizes = learning.settings, (learning.n_features, learning.n_actions, learning.seed)
     how = learning_rate, max_gradient_norm
     if not settings.learns_with_torch:
-        return FusedPolicy(first_actor_critic(settings.network, *sizes), *how)
+        first = first_actor_critic(settings.network, *sizes)
+        return FusedPolicy(first if learning.start is None else first._replace(weights=dict(learning.start)), *how)
     from common.policy.exits import build_exits  # noqa: PLC0415  (torch takes seconds)
+    from common.policy.networks import import_parameters  # noqa: PLC0415
     from services.learner.textbook.policies import PolicyNetwork  # noqa: PLC0415
 
     module = settings.module(*sizes) if settings.brings_module else build_exits(settings.network, *sizes)
+    if learning.start is not None:
+        import_parameters(module, learning.start)
     return PolicyNetwork(module, *how, n_features=learning.n_features)
 
 

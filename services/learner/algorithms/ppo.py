@@ -11,6 +11,8 @@ Deviations, all of them the study's own text unless said otherwise:
 - Ours: the actor's advantages are standardised over the batch, a common detail (Engstrom et al. 2020). As returns are
   scaled to [-1, 0], they would weigh little beside the entropy bonus otherwise; and while the critic lags behind,
   which it does after each good or bad episode, all actions of an episode would be praised or blamed together.
+- Ours: a run that begins with a policy may be held to it: `anchor_weight` times KL(policy || that policy), over the
+  actions that were allowed, is added to the loss.
 - Ours: means are over decisions; the text counts the masked steps between them with a loss of zero.
 """
 
@@ -37,7 +39,7 @@ class Ppo:
         self._network = network
 
     def update(self, x: SparseRows, batch: Experience, count: int = 1) -> list[dict[str, float]]:
-        """Steps of Adam on `-surrogate + c1 * value loss - c2 * entropy`, means over the batch.
+        """Steps of Adam on `-surrogate + c1 * value loss - c2 * entropy + c3 * divergence`, means over the batch.
 
         Args:
             x: [B, F], the batch's observations.

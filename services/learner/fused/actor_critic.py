@@ -14,7 +14,7 @@ from common.kernel import bare_kernel, kernel
 from services.learner.fused.adam import corrections
 from services.learner.fused.packed import GRADIENT, MEAN, SQUARE, VALUES
 from services.learner.fused.perceptron import Room, descend, gradients, head, length, mark, norm, outputs, room_for
-from services.learner.fused.policy_losses import cloning_loss, imitation_loss, ppo_loss
+from services.learner.fused.policy_losses import anchor_loss, cloning_loss, imitation_loss, ppo_loss
 from services.learner.fused.tile import WIDTH
 
 _Floats = NDArray[np.float32]
@@ -75,6 +75,7 @@ def ppo(
     widths: _Ints,
     arrays: _Floats,
     seen: NDArray[np.bool_],
+    start: _Floats,
     starts: _Ints,
     columns: _Ints,
     values: _Floats,
@@ -87,6 +88,7 @@ def ppo(
     clip: float,
     value_weight: float,
     entropy_weight: float,
+    anchor_weight: float,
     limit: float,
     learning_rate: float,
     steps: int,
@@ -98,6 +100,7 @@ def ppo(
         widths: [2, layers + 1], of actor and critic.
         arrays: [4, P], see `packed`.
         seen: [F].
+        start: [P], the parameters that the network began with.
         starts: of the batch's observations, see `services.learner.sparse`.
         columns: of the same.
         values: of the same.
@@ -110,6 +113,7 @@ def ppo(
         clip: epsilon.
         value_weight: of the critic's loss.
         entropy_weight: of the bonus.
+        anchor_weight: of the divergence from the policy that the network began with; 0: nobody looks at it.
         limit: of the gradient of actor and critic each.
         learning_rate: of Adam.
         steps: that Adam has made before.
@@ -124,12 +128,21 @@ def ppo(
     actor, critic = head(widths[0], rows), head(widths[1], rows)
     logits, by_logits = rooms[0].outs[actor:], rooms[0].gradients[actor:]
     worths, by_worths = rooms[1].outs[critic:], rooms[1].gradients[critic:]
+    is_anchored = anchor_weight > 0
+    anchor = np.empty(len(logits) if is_anchored else 0, np.float32)
+    probabilities = np.empty(widths[0, -1], np.float32)
+    if is_anchored:
+        begin, end = part_of(widths, 0)
+        outputs(widths[0], start[begin:end], x, rows, True, rooms[0])
+        anchor[:] = logits
     for epoch in range(len(metrics)):
         look(widths, arrays, x, rows, rooms)
         loss = ppo_loss(
             logits, worths, by_logits, by_worths, n_actions, action_tm1, allowed_tm1, return_t, log_probability_tm1,
             value_tm1, clip, value_weight, entropy_weight, metrics[epoch],
         )  # fmt: skip
+        if is_anchored:
+            loss += anchor_loss(logits, by_logits, anchor, probabilities, n_actions, allowed_tm1, anchor_weight)
         metrics[epoch, LOSS] = loss
         if not math.isfinite(loss):
             return epoch

@@ -8,7 +8,7 @@ from common.policy.packing import Layout
 from common.rules.policies import PpoConfig
 from services.learner.experience import Experience
 from services.learner.fused.actor_critic import clone, evaluate, imitate, ppo
-from services.learner.fused.packed import Packed, Training
+from services.learner.fused.packed import VALUES, Packed, Training
 from services.learner.sparse import SparseRows
 
 PPO_NUMBERS = 8  # of an update: what `policy_losses` names, the norm of all gradients, the loss
@@ -30,6 +30,7 @@ class FusedPolicy(Training):
         super().__init__(network.weights, stacks, Layout("actor-critic", self.n_features, self._n_actions, hidden))
         self._widths = np.stack([stack.widths for stack in stacks])
         self._learning_rate, self._limit = learning_rate, max_gradient_norm
+        self._start = self.arrays[VALUES].copy()
 
     def values(self, x: SparseRows) -> NDArray[np.float32]:
         """The values [B] of observations [B, F]."""
@@ -48,6 +49,7 @@ class FusedPolicy(Training):
             self._widths,
             self.arrays,
             self.seen,
+            self._start,
             x.starts,
             x.columns,
             x.values,
@@ -60,6 +62,7 @@ class FusedPolicy(Training):
             config.clip,
             config.value_weight,
             config.entropy_weight,
+            config.anchor_weight,
             self._limit,
             self._learning_rate,
             self.steps,

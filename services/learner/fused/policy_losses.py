@@ -146,6 +146,49 @@ def ppo_loss(
 
 
 @bare_kernel
+def anchor_loss(
+    logits: _Floats,
+    by_logits: _Floats,
+    anchor: _Floats,
+    probabilities: _Floats,
+    n_actions: int,
+    allowed_tm1: NDArray[np.int64],
+    weight: float,
+) -> float:
+    """`weight * KL(policy || another)`, the mean over the batch.
+
+    Args:
+        logits: [B, W], flat.
+        by_logits: [B, W], flat, to which its gradient with respect to `logits` is added.
+        anchor: [B, W], flat, the logits of the other policy.
+        probabilities: [W], to work on.
+        n_actions: A.
+        allowed_tm1: [B], the actions that there were to choose from, a bit each.
+        weight: of the divergence.
+    """
+    count, width = len(allowed_tm1), len(probabilities)
+    share = weight / count
+    divergence: Any = 0.0
+    for row in range(count):
+        z, start = logits[row * width : (row + 1) * width], anchor[row * width : (row + 1) * width]
+        by_z, bits = by_logits[row * width : (row + 1) * width], allowed_tm1[row]
+        log_start = softmax(start, n_actions, bits, probabilities)
+        log_total = softmax(z, n_actions, bits, probabilities)
+        apart: Real = 0.0
+        for action in range(n_actions):
+            if bits >> action & 1:
+                ratio = (np.float64(z[action]) - log_total) - (np.float64(start[action]) - log_start)
+                apart += np.float64(probabilities[action]) * ratio
+        for action in range(n_actions):
+            if bits >> action & 1:
+                ratio = (np.float64(z[action]) - log_total) - (np.float64(start[action]) - log_start)
+                more = share * np.float64(probabilities[action]) * (ratio - apart)
+                by_z[action] = np.float64(by_z[action]) + more
+        divergence += apart
+    return float(share * divergence)
+
+
+@bare_kernel
 def imitation_loss(
     logits: _Floats,
     values: _Floats,

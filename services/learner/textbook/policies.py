@@ -22,6 +22,7 @@ from services.learner.textbook.modules import ModulePolicy
 from services.learner.textbook.ppo import (
     clipped_surrogate,
     clipped_value_loss,
+    divergence,
     entropy,
     log_probability,
     standardised,
@@ -46,6 +47,7 @@ class PolicyNetwork:
         self.n_features = int(network.n_features if n_features is None else n_features)  # type: ignore[arg-type]
         self._body = ModulePolicy(network, self.n_features)
         self._parameters = self._body.parameters
+        self._start = ModulePolicy(network, self.n_features)
         self._limit = max_gradient_norm
         self._adam = Adam(self._parameters, learning_rate)
         self._outputs: tuple[Tensor, Tensor]
@@ -65,13 +67,16 @@ class PolicyNetwork:
     def ppo(self, config: PpoConfig, x: SparseRows, batch: Experience, count: int) -> NDArray[np.float64]:
         """See `services.learner.policy_training.Policy`."""
         numbers = np.zeros((count, PPO_NUMBERS))
+        anchor = None
+        if config.anchor_weight:
+            anchor = allowed_only(self._start.forward(x)[0], torch.tensor(batch.allowed_tm1))
         for row in numbers:
-            row[:] = self._ppo(config, x, batch)
+            row[:] = self._ppo(config, x, batch, anchor)
             if not math.isfinite(row[-1]):
                 break
         return numbers
 
-    def _ppo(self, config: PpoConfig, x: SparseRows, batch: Experience) -> tuple[float, ...]:
+    def _ppo(self, config: PpoConfig, x: SparseRows, batch: Experience, anchor: Tensor | None) -> tuple[float, ...]:
         action, return_t = torch.tensor(batch.action_tm1), torch.tensor(batch.return_t)
         logits, value = self._outputs_of(x, batch)
         error = (return_t - value).detach()
@@ -81,6 +86,8 @@ class PolicyNetwork:
         value_loss = clipped_value_loss(value, torch.tensor(batch.value_tm1), return_t, config.clip).mean()
         bonus = entropy(logits).mean()
         loss = policy_loss + config.value_weight * value_loss - config.entropy_weight * bonus
+        if anchor is not None:
+            loss = loss + config.anchor_weight * divergence(logits, anchor).mean()
         return (
             policy_loss.item(),
             value_loss.item(),

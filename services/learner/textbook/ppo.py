@@ -70,6 +70,21 @@ def clipped_value_loss(value: Tensor, value_old: Tensor, return_t: Tensor, clip:
     return torch.maximum((value - return_t).square(), (held - return_t).square())
 
 
+def divergence(logits: Tensor, logits_start: Tensor) -> Tensor:
+    """KL(policy || start), in nats.
+
+    Args:
+        logits: [B, A], of the policy; those of actions that are not allowed are the least there are.
+        logits_start: [B, A], of the other one, likewise.
+
+    Returns:
+        [B].
+    """
+    check_shapes("BA BA", logits, logits_start)
+    log_p, log_q = torch.log_softmax(logits, -1), torch.log_softmax(logits_start, -1)
+    return (log_p.exp() * (log_p - log_q)).sum(-1)
+
+
 def entropy(logits: Tensor) -> Tensor:
     """The entropy of softmax, in nats.
 

@@ -76,6 +76,10 @@ def test_settings_of_all_runs_lie_below_those_of_a_contender():
         ),
         ({"settings": {"episodes": 3}}, "settings.episodes: the study says it for all its runs, leave it out"),
         (
+            {"settings": {"start_from": "some.safetensors"}},
+            "settings.start_from some.safetensors: a study runs from anywhere, give the whole path",
+        ),
+        (
             {"contenders": [{"name": "x", "algorithm": "ppo", "settings": {"seed": 3}}]},
             "contenders.x.settings.seed: the study says it for all its runs, leave it out",
         ),

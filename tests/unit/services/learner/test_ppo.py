@@ -10,14 +10,17 @@ from made_networks import first_of
 from common.policy.actor_critic import build_actor_critic
 from common.policy.networks import import_parameters
 from common.rules.policies import PpoConfig
+from common.rules.ppo import Settings
 from common.rules.settings import NetworkConfig
 from services.learner.algorithms.ppo import Ppo
 from services.learner.experience import Experience
 from services.learner.fused.policy import FusedPolicy
 from services.learner.sparse import sparse_rows
+from services.learner.textbook.policies import PolicyNetwork
 from services.learner.textbook.ppo import (
     clipped_surrogate,
     clipped_value_loss,
+    divergence,
     entropy,
     log_probability,
     standardised,
@@ -157,6 +160,65 @@ def test_the_entropy_bonus_keeps_the_policy_undecided():
     sure = [math.log(1 / (1 + math.exp(-1)))]
     update(config, network, batch_of([0], [-0.5], log_probabilities=sure))  # no advantage
     np.testing.assert_allclose(network.weights()["actor.bias"], [0.9, 0.1], rtol=1e-4)
+
+
+def test_divergence_by_hand():
+    logits = torch.tensor([[0.0, math.log(3), -1e9], [1.0, 1.0, 1.0]], requires_grad=True)
+    start = torch.tensor([[0.0, 0.0, -1e9], [1.0, 1.0, 1.0]])
+    got = divergence(logits, start)
+    apart = 0.25 * math.log(0.5) + 0.75 * math.log(1.5)
+    torch.testing.assert_close(got, torch.tensor([apart, 0.0]))
+    [slopes] = torch.autograd.grad(got.sum(), logits)  # p (log p/q - KL): 0.25 (log 1/2 - KL) and its opposite
+    slope = 0.25 * (math.log(0.5) - apart)
+    torch.testing.assert_close(slopes, torch.tensor([[slope, -slope, 0.0], [0.0, 0.0, 0.0]]), atol=1e-6, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("actions", "allowed", "share"), [([0], [0b11], 1.0), ([0, 1], [0b11, 0b10], 0.5)])
+def test_an_anchor_by_hand(actions, allowed, share):
+    """The policy has moved to 1/4 and 3/4 from 1/2 each; a forced decision has no part in it but in the mean."""
+    config = PpoConfig(**(SETTINGS | {"value_weight": 0.0, "anchor_weight": 2.0}))
+    network = make_network(config)
+    network.restore(network.state() | {"network/actor.bias": np.array([0, math.log(3)], np.float32)})
+    log_probabilities = [math.log(0.25), 0.0][: len(actions)]
+    batch = batch_of(actions, [-0.5] * len(actions), log_probabilities=log_probabilities, allowed=allowed)
+    metrics = update(config, network, batch)  # without advantages
+    apart = 0.25 * math.log(0.5) + 0.75 * math.log(1.5)
+    slope = 2 * share * 0.25 * (math.log(0.5) - apart)
+    assert metrics["gradient_norm"] == pytest.approx(math.sqrt(2) * abs(slope), rel=1e-5)
+    np.testing.assert_allclose(network.weights()["actor.bias"], [0.1, math.log(3) - 0.1], rtol=1e-4)
+    [*_, loss] = network.ppo(config, sparse_rows(batch.observation_tm1), batch, 1)[0]
+    assert loss < 2 * share * apart
+
+
+def test_an_anchor_holds_nobody_where_he_began():
+    config = PpoConfig(**SETTINGS)
+    free, held = make_network(config), make_network(config)
+    batch = batch_of([0, 1], [-0.1, -0.7])
+    update(config, free, batch)
+    update(config.model_copy(update={"anchor_weight": 5.0}), held, batch)
+    assert all(array.tobytes() == held.state()[name].tobytes() for name, array in free.state().items())
+
+
+def test_autograd_is_anchored_alike():
+    config = PpoConfig(**(SETTINGS | {"anchor_weight": 0.7, "learning_rate": 1e-3}))
+    first = build_actor_critic(NetworkConfig(kind="actor-critic", hidden=(4,)), n_features=1, n_actions=2, seed=3)
+    ours = FusedPolicy(first_of(first), config.learning_rate, config.max_gradient_norm)
+    theirs = PolicyNetwork(first, config.learning_rate, config.max_gradient_norm)
+    moved = {"network/actor.bias": np.array([0.0, 2.0], np.float32)}
+    ours.restore(ours.state() | moved)
+    theirs.restore(theirs.state() | moved)
+    batch = batch_of([0, 1, 1], [-0.1, -0.7, -0.4], allowed=[0b11, 0b10, 0b11])
+    x = sparse_rows(batch.observation_tm1)
+    np.testing.assert_allclose(ours.ppo(config, x, batch, 2), theirs.ppo(config, x, batch, 2), rtol=1e-4, atol=1e-6)
+    for name, array in theirs.weights().items():
+        np.testing.assert_allclose(ours.weights()[name], array, rtol=1e-4, atol=1e-6)
+
+
+def test_an_anchor_needs_a_policy_to_begin_with():
+    plain = {"ppo": SETTINGS | {"anchor_weight": 0.1}}
+    with pytest.raises(ValueError, match="it holds to the policy of start_from, give that as well"):
+        Settings.model_validate(plain)
+    assert Settings.model_validate(plain | {"start_from": {"checkpoint": "some"}}).ppo.anchor_weight == 0.1
 
 
 def test_epochs_together_are_epochs_one_by_one():
