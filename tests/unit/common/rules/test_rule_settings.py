@@ -52,9 +52,9 @@ def test_a_rule_has_its_sections_and_no_others():
         "dqn": values,
         "drqn": values,
         "imitate": {"teacher", "imitation", "replay"},
-        "ppo": {"ppo"},
-        "ppor": {"ppo", "replay"},
-        "sil": {"ppo", "sil", "replay"},
+        "ppo": {"ppo", "start_from"},
+        "ppor": {"ppo", "replay", "start_from"},
+        "sil": {"ppo", "sil", "replay", "start_from"},
     }
 
 
@@ -130,7 +130,7 @@ def test_settings_come_back_from_plain_data(rule):
         ("ppo", "exploration.decay_share", 0.5, "unknown key exploration: "),
         ("ppo", "replay.capacity", 5, "unknown key replay: "),
         ("ppo", "fragment_steps", 5, "unknown key fragment_steps: "),
-        ("ppo", "ppo.batch_size", 5, "unknown key ppo.batch_size: known are clip, "),
+        ("ppo", "ppo.batch_size", 5, "unknown key ppo.batch_size: known are anchor_weight, clip, "),
         ("ppo", "ppo.clip", 0, "ppo.clip: input should be greater than 0, not 0"),
         ("ppo", "discount", 1, "discount: input should be less than 1, not 1"),
         ("ppor", "replay.kind", "prioritized", "replay.kind: input should be 'uniform', not 'prioritized'"),
@@ -144,7 +144,7 @@ def test_settings_come_back_from_plain_data(rule):
             0.4,
             "replay.beta 0.4: self-imitation is to favour what turned out well, make it 0",
         ),
-        ("sil", "ppo.batch_size", 5, "unknown key ppo.batch_size: known are clip, "),
+        ("sil", "ppo.batch_size", 5, "unknown key ppo.batch_size: known are anchor_weight, clip, "),
         ("sil", "sil.value_weight", -1, "sil.value_weight: input should be greater than or equal to 0, not -1"),
     ],
 )
