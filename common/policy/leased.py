@@ -45,7 +45,7 @@ class LeasePlayer:
 
     def _teacher(self, episode: int) -> Teacher | None:
         teaching = self._teaching
-        return None if teaching is None else Teacher(*teaching, stream_key(self._seed, episode, "teacher"))
+        return None if teaching is None else Teacher(*teaching, np.uint64(stream_key(self._seed, episode, "teacher")))
 
     def _key(self, episode: int) -> int:
         """Of the episode's stream of exploration, which its next fragment needs again."""

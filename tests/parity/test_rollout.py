@@ -75,7 +75,10 @@ def test_both_engines_grant_the_same_actions(interlocking, kind):
 @pytest.mark.parametrize("interlocking", ["off", "safe", "planned"])
 def test_both_engines_hear_the_same_from_a_teacher(interlocking):
     acting = Acting(
-        twin_of("actor-critic", seed=3), epsilon=0.6, key=77, teacher=Teacher(orders=3, margin=1, patience=16, key=5)
+        twin_of("actor-critic", seed=3),
+        epsilon=0.6,
+        key=77,
+        teacher=Teacher(orders=3, margin=1, patience=16, key=np.uint64(2**64 - 5)),
     )
     level = LevelSupply().training("hard", 1)
     compiled, flatland = (play(study_player(engine, interlocking=interlocking), level, acting) for engine in ENGINES)

@@ -35,7 +35,7 @@ class Teacher(NamedTuple):
     orders: int
     margin: int
     patience: int
-    key: int
+    key: np.uint64
 
 
 @bare_kernel
@@ -90,7 +90,7 @@ def spent(batch: Batch, slot: int, at: int, action: int, decisions: int, teacher
     planned = desk.order[: by_distance(batch, slot, desk.order)]
     for number in range(teacher.orders):
         if number:
-            by_lot(planned, np.uint64(teacher.key), number * trains)
+            by_lot(planned, teacher.key, number * trains)
         anywhere = decisions != CELLS
         least = plan(batch, slot, planned, desk.room, steps, anywhere, desk.ways, desk.arrivals, at, first, least)
     return least

@@ -23,7 +23,7 @@ def loaded(level, rules="legacy"):
 
 
 def said(world, train, allowed=ALL_ACTIONS, **changed):
-    teacher = Teacher(**{"orders": 1, "margin": 1, "patience": 16, "key": 7} | changed)
+    teacher = Teacher(**{"orders": 1, "margin": 1, "patience": 16, "key": np.uint64(7)} | changed)
     return world.advise(0, train, allowed, teacher)
 
 
