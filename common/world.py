@@ -5,9 +5,9 @@ Level supply, engines and learner all get it from here. A checkpoint carries it.
 
 from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, ValidationError, field_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from common.levels.distributions import ANY, AnyLevels, Bounds, LevelName, shipped
 from common.levels.own import with_files_read
@@ -42,6 +42,15 @@ class WorldSpec(Strict):
     @classmethod
     def _off_is_a_word(cls, mode: Any) -> Any:
         return "off" if mode is False else mode  # which YAML takes it for
+
+    @model_validator(mode="after")
+    def _somebody_is_patient(self) -> Self:
+        if self.patience is not None and self.interlocking not in ("safe", "planned"):
+            raise ValueError(
+                f"patience {self.patience}: an interlocking {self.interlocking} makes nobody go on, "
+                "make it safe or planned, or patience null"
+            )
+        return self
 
     @property
     def bounds(self) -> Bounds:

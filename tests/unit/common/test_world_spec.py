@@ -246,6 +246,8 @@ def test_wrong_names_of_levels_are_named(levels, text):
         ({"decisions": None}, "decisions: input should be 'cells', 'legacy' or 'always', not None"),
         ({"interlocking": "sure"}, "interlocking: input should be 'off', 'valid', 'safe' or 'planned', not 'sure'"),
         ({"interlocking": True}, "interlocking: input should be 'off', 'valid', 'safe' or 'planned', not True"),
+        ({"patience": 24}, "patience 24: an interlocking off makes nobody go on, make it safe or planned, or "),
+        ({"patience": 9, "interlocking": "valid"}, "patience 9: an interlocking valid makes nobody go on, "),
         (
             {"decisionss": "cells"},
             "unknown key decisionss: did you mean decisions? known are decisions, ",
