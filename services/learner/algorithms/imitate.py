@@ -2,11 +2,11 @@
 
 Ross, Gordon & Bagnell, "A Reduction of Imitation Learning and Structured Prediction to No-Regret Online Learning",
 AISTATS 2011, arXiv:1011.0686: data set aggregation. The planner is asked at every decision of every episode
-(`common.rail.planning.advising`); at first it also acts, later the policy does, drawn as its probabilities say.
+(`common.rail.planning.judging`); at first it also acts, later the policy does, drawn as its probabilities say.
 
 - The data set is a ring of the newest decisions, all alike; updates follow each episode, instead of training anew on
   all data after many of them.
-- Decisions are left out for which the planner found no way, or would do what is not allowed.
+- Decisions without a choice are left out.
 - The loss is the cross entropy with the planner's action, over the actions that were allowed, and the squared error of
   the critic, which learns the returns of whoever acted. Gradients of actor and critic are clipped each.
 - The learning rate falls evenly over the run, to a hundredth.
