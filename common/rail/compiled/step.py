@@ -50,6 +50,12 @@ def leave(codes: NDArray[np.int32], leads: NDArray[np.int32], here: int, action:
 
 
 @bare_kernel
+def destination(codes: NDArray[np.int32], leads: NDArray[np.int32], train: np.void, action: int) -> int:
+    """Where a move leads a train: off the map to where it starts; NOTHING if there is no such move."""
+    return int(train["start"]) if train["config"] == NOWHERE else leave(codes, leads, int(train["config"]), action)
+
+
+@bare_kernel
 def start(batch: Batch, slot: int, legacy: bool) -> None:
     """Put the trains of a slot where an episode begins."""
     world, cells = batch.worlds[slot], batch.cells[slot]

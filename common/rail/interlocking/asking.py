@@ -24,13 +24,12 @@ from numpy.typing import NDArray
 
 from common.kernel import bare_kernel
 from common.rail.compiled.arrays import NOTHING, NOWHERE, SINGLE, UNREACHED, Batch
-from common.rail.compiled.decisions import CELLS, decides
-from common.rail.compiled.step import leave
+from common.rail.compiled.decisions import decides
+from common.rail.compiled.step import destination
 from common.rail.interlocking.proof import is_proven, settle, vanish
 from common.rail.interlocking.routes import find_routes, is_free, lock, run_on
 from common.rail.interlocking.signals import (
     ALL_ACTIONS,
-    ANYWHERE,
     DECISIONS,
     MODE,
     OFF,
@@ -52,7 +51,7 @@ PATIENT_ROUNDS: int = 2  # in which trains let others be asked first
 def begin(batch: Batch, slot: int, mode: int, decisions: int, signals: Signals) -> None:
     """Before the trains of a slot are asked in a step; `decisions` is the rule that says whom to ask."""
     numbers = signals.numbers
-    numbers[MODE], numbers[DECISIONS], numbers[ROUNDS], numbers[ANYWHERE] = mode, decisions, 0, decisions != CELLS
+    numbers[MODE], numbers[DECISIONS], numbers[ROUNDS] = mode, decisions, 0
     for at in range(batch.worlds[slot]["trains"]):
         signals.trains[at]["asked"] = False
     if mode >= SAFE:
@@ -97,9 +96,11 @@ def is_open(signals: Signals, deciding: NDArray[np.bool_], at: int, cell: int) -
 
 
 @bare_kernel
-def valid(codes: NDArray[np.int32], here: int) -> int:
+def valid(codes: NDArray[np.int32], train: np.void) -> int:
     """The actions that are there: a train may stop or go on; turn only where rails do; no two do the same."""
-    if here == NOWHERE or codes[here] & SINGLE:
+    off_map = train["config"] == NOWHERE
+    here = int(train["start"] if off_map else train["config"])
+    if codes[here] & SINGLE:
         return FORWARD | STOP
     bits, heading = STOP, here & 3
     if codes[here] >> heading & 1:
@@ -108,6 +109,8 @@ def valid(codes: NDArray[np.int32], here: int) -> int:
         bits |= 1 << MOVE_LEFT
     if codes[here] >> ((heading + 1) & 3) & 1:
         bits |= 1 << MOVE_RIGHT
+    if off_map:  # any that is there departs, wherever it turns
+        return STOP | (FORWARD if bits & FORWARD else bits & ~STOP & -(bits & ~STOP))
     return bits
 
 
@@ -120,7 +123,7 @@ def allowed(batch: Batch, slot: int, mode: int, train: int, signals: Signals) ->
     if mode == OFF:
         return ALL_ACTIONS
     codes, of = batch.codes[slot], batch.trains[slot, train]
-    bits = valid(codes, int(of["config"]))
+    bits = valid(codes, of)
     if mode == VALID or not decides(of, codes, batch.worlds[slot]["unit"], int(signals.numbers[DECISIONS])):
         return bits
     if of["bound"] != NOTHING:
@@ -151,11 +154,11 @@ def set_route(batch: Batch, slot: int, at: int, action: int, signals: Signals) -
     """Write down the route that an action leads to; returns its length, 0 if there is no way home from it."""
     train, route, distance = batch.trains[slot, at], signals.routes[at], batch.distances[slot, at]
     codes, on_map = batch.codes[slot], int(signals.trains[at]["length"])
-    to = leave(codes, batch.leads[slot], int(train["config"]), action) if on_map else int(train["start"])
+    to = destination(codes, batch.leads[slot], train, action)
     if distance[to] == UNREACHED:
         return 0
     route[on_map] = to
-    return run_on(codes, distance, route, on_map + 1, signals.numbers)
+    return run_on(codes, distance, route, on_map + 1, int(signals.numbers[DECISIONS]))
 
 
 @bare_kernel

@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import bare_kernel
-from common.rail.compiled.arrays import AHEAD_SHIFT, NOTHING, SINGLE, UNREACHED, Batch
-from common.rail.interlocking.routes import may_rest
-from common.rail.interlocking.signals import PLACES, QUEUE, SEARCHES, STAMPS, Signals
+from common.rail.compiled.arrays import NOTHING, NOWHERE, SINGLE, UNREACHED, Batch
+from common.rail.compiled.decisions import decides_there
+from common.rail.compiled.ways import nearer
+from common.rail.interlocking.signals import DECISIONS, PLACES, QUEUE, SEARCHES, STAMPS, Signals
 
 UNKNOWN: int = -2  # where a train rests
 
@@ -176,27 +177,10 @@ def is_clear(
     """Whether nobody claims a cell of the shortest way from the end of a route to the target."""
     here = end
     while distance[here] != 0:
-        here = onward(codes, leads, distance, here)
-        if here == NOTHING or cells[here >> 2]["claims"] != 0:
+        here = nearer(codes, leads, distance, here)
+        if here == NOWHERE or cells[here >> 2]["claims"] != 0:
             return False
     return True
-
-
-@bare_kernel
-def onward(codes: NDArray[np.int32], leads: NDArray[np.int32], distance: NDArray[np.int16], here: int) -> int:
-    """The next configuration on a shortest way, NOTHING if there is none."""
-    code = codes[here]
-    if code & SINGLE:
-        to = code >> AHEAD_SHIFT
-        return int(to) if distance[to] != UNREACHED else NOTHING
-    best, least = NOTHING, UNREACHED
-    for turn in range(3, 6):
-        way = (here + turn) & 3
-        if code >> way & 1:
-            to = leads[(here & ~3) + way]
-            if distance[to] < least:
-                best, least = int(to), distance[to]
-    return best
 
 
 @bare_kernel
@@ -262,7 +246,7 @@ def gets_out_of_the_way(batch: Batch, slot: int, signals: Signals, at: int, home
     for number in range(1, found):
         places[number] = signals.search[QUEUE, number]
     for number in range(1, found):
-        if not may_rest(codes, int(places[number]), numbers):
+        if not decides_there(codes, int(places[number]), int(numbers[DECISIONS])):
             continue
         route[length - 1] = places[number]
         stand(cells, route, length - 1, length, at)

@@ -20,16 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import bare_kernel
-from common.rail.compiled.arrays import AHEAD_SHIFT, DECIDES, NOTHING, NOWHERE, SINGLE, Batch
-from common.rail.compiled.decisions import decides
+from common.rail.compiled.arrays import AHEAD_SHIFT, NOTHING, NOWHERE, Batch
+from common.rail.compiled.decisions import decides, decides_there
 from common.rail.compiled.step import leave
-from common.rail.interlocking.signals import ANYWHERE, Signals
-
-
-@bare_kernel
-def may_rest(codes: NDArray[np.int32], here: int, numbers: NDArray[np.int32]) -> bool:
-    """Whether a train that comes here is asked before it leaves."""
-    return bool(numbers[ANYWHERE] or codes[here] & DECIDES or not codes[here] & SINGLE)
+from common.rail.interlocking.signals import Signals
 
 
 @bare_kernel
@@ -38,11 +32,11 @@ def run_on(
     distance: NDArray[np.int16],
     route: NDArray[np.int32],
     length: int,
-    numbers: NDArray[np.int32],
+    decisions: int,
 ) -> int:
     """Complete a route of which the first `length` places are there; returns its length."""
     here = int(route[length - 1])
-    while distance[here] != 0 and not may_rest(codes, here, numbers) and length < len(route):
+    while distance[here] != 0 and not decides_there(codes, here, decisions) and length < len(route):
         here = codes[here] >> AHEAD_SHIFT
         route[length] = here
         length += 1
@@ -52,7 +46,7 @@ def run_on(
 @bare_kernel
 def find_routes(batch: Batch, slot: int, decisions: int, signals: Signals) -> None:
     """The routes of all trains of a slot, before anybody is asked; those who are to be asked stand."""
-    world, codes, leads, numbers = batch.worlds[slot], batch.codes[slot], batch.leads[slot], signals.numbers
+    world, codes, leads = batch.worlds[slot], batch.codes[slot], batch.leads[slot]
     cells = signals.cells
     for number in range(world["cells"]):
         cell = cells[number]
@@ -72,9 +66,9 @@ def find_routes(batch: Batch, slot: int, decisions: int, signals: Signals) -> No
             to = leave(codes, leads, here, hindered)
             if to != NOTHING:
                 route[1] = to
-                length = run_on(codes, batch.distances[slot, at], route, 2, numbers)
+                length = run_on(codes, batch.distances[slot, at], route, 2, decisions)
         elif not decides(train, codes, world["unit"], decisions):
-            length = run_on(codes, batch.distances[slot, at], route, 1, numbers)
+            length = run_on(codes, batch.distances[slot, at], route, 1, decisions)
         lock(cells, of, route, length)
 
 

@@ -12,7 +12,7 @@ Interlocking = Literal["off", "valid", "safe", "planned"]
 OFF, VALID, SAFE, PLANNED = range(4)
 INTERLOCKINGS: Final = {"off": OFF, "valid": VALID, "safe": SAFE, "planned": PLANNED}
 ALL_ACTIONS: Final = (1 << N_ACTIONS) - 1  # a bit each
-SEARCHES, MODE, DECISIONS, ROUNDS, ANYWHERE, PATIENCE = range(6)  # places in `Signals.numbers`
+SEARCHES, MODE, DECISIONS, ROUNDS, PATIENCE = range(5)  # places in `Signals.numbers`
 
 
 AT = np.dtype(
@@ -47,8 +47,8 @@ class Signals(NamedTuple):
         cells: [C] of CELL.
         routes: [N, 2C + 2], the configurations of each train's route, the first being where it is.
         search: [3, 4C]: configurations to go on from, which search saw one last, where a train may step aside.
-        numbers: [6], see above: searches so far; of this step the mode, the rule of decisions, rounds of asking, and
-            whether trains may rest in every cell; after how many steps of standing they have to go on, 0 for never.
+        numbers: [5], see above: searches so far; of this step the mode, the rule of decisions, and rounds of asking;
+            after how many steps of standing trains have to go on, 0 for never.
     """
 
     trains: NDArray[np.void]
@@ -60,7 +60,7 @@ class Signals(NamedTuple):
 
 def signals_for(batch: Batch, patience: int | None = None) -> Signals:
     """Room for any world of a batch, whose trains may stand so many steps where they could go on."""
-    numbers = np.zeros(6, np.int32)
+    numbers = np.zeros(5, np.int32)
     numbers[PATIENCE] = patience or 0
     trains, cells = batch.trains.shape[1], batch.cells.shape[1]
     return Signals(

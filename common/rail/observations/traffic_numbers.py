@@ -9,7 +9,7 @@ from common.kernel import bare_kernel
 from common.rail.compiled.arrays import BROKEN, DONE, NOTHING, NOWHERE, STOPPED, UNREACHED, Batch
 from common.rail.compiled.conflicts import NEVER, compare, nearness, scaled
 from common.rail.compiled.decisions import decides_there
-from common.rail.compiled.step import leave
+from common.rail.compiled.step import destination
 from common.rail.compiled.tree import Sight
 from common.rail.compiled.ways import trace
 from common.rail.interlocking.asking import allowed, valid
@@ -79,7 +79,7 @@ def describe_exits(
     codes, leads, distances = batch.codes[slot], batch.leads[slot], batch.distances[slot, at]
     trains, ways, train = batch.trains[slot], sight.ways, batch.trains[slot, at]
     here, count = int(train["config"]), int(batch.worlds[slot]["trains"])
-    there, granted = valid(codes, here), allowed(batch, slot, mode, at, sight.signals)
+    there, granted = valid(codes, train), allowed(batch, slot, mode, at, sight.signals)
     mine = len(ways.lengths) - 1
     ways.paces[mine, 0], ways.paces[mine, 1] = ways.paces[at, 0], ways.paces[at, 1]
     sight.meetings.reshape(sight.meetings.size)[:] = 0
@@ -87,7 +87,7 @@ def describe_exits(
     for way in range(N_EXITS):
         if not there >> (MOVE_LEFT + way) & 1:
             continue
-        to = int(train["start"]) if here == NOWHERE else leave(codes, leads, here, MOVE_LEFT + way)
+        to = destination(codes, leads, train, MOVE_LEFT + way)
         trace(codes, leads, distances, ways, mine, here, to)
         numbers[way, 0] = 1
         numbers[way, 1] = granted >> (MOVE_LEFT + way) & 1

@@ -11,13 +11,14 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from common.kernel import bare_kernel
-from common.rail.compiled.arrays import NOTHING, NOWHERE, UNREACHED, Batch
+from common.rail.compiled.arrays import NOWHERE, Batch
 from common.rail.compiled.decisions import CELLS
-from common.rail.compiled.step import leave
+from common.rail.compiled.step import destination
 from common.rail.interlocking.asking import valid
 from common.rail.planning.advising import NONE, Desk, by_lot, horizon
 from common.rail.planning.plans import by_distance, plan
-from common.rail.world import MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
+from common.rail.planning.rails import shortest_allowed
+from common.rail.world import MOVE_LEFT, STOP_MOVING
 
 ENDLESS: Final = 1 << 60
 
@@ -51,19 +52,12 @@ def judge(batch: Batch, slot: int, at: int, allowed: int, decisions: int, teache
         teacher: whom to ask.
         desk: to work on.
     """
-    codes, leads, distance = batch.codes[slot], batch.leads[slot], batch.distances[slot, at]
     train = batch.trains[slot, at]
-    here = int(train["config"])
-    bits = allowed & valid(codes, here)
+    bits = allowed & valid(batch.codes[slot], train)
     if bits & (bits - 1) == 0:
         return NONE
-    shortest, least = STOP_MOVING, UNREACHED
-    for action in range(MOVE_LEFT, MOVE_RIGHT + 1):
-        if bits >> action & 1:
-            to = int(train["start"]) if here == NOWHERE else leave(codes, leads, here, action)
-            if to != NOTHING and distance[to] < least:
-                shortest, least = action, int(distance[to])
-    is_late = here != NOWHERE and train["stood"] >= teacher.patience
+    shortest = shortest_allowed(batch, slot, at, bits)
+    is_late = train["config"] != NOWHERE and train["stood"] >= teacher.patience
     if shortest == STOP_MOVING or is_late:
         return shortest
     best, first = shortest, spent(batch, slot, at, shortest, decisions, teacher, desk)
@@ -80,13 +74,9 @@ def judge(batch: Batch, slot: int, at: int, allowed: int, decisions: int, teache
 def spent(batch: Batch, slot: int, at: int, action: int, decisions: int, teacher: Teacher, desk: Desk) -> int:
     """The steps that all trains take by the best plan in which a train takes an action first."""
     trains, steps, least = int(batch.worlds[slot]["trains"]), horizon(batch, slot), ENDLESS
-    here = int(batch.trains[slot, at]["config"])
-    if action == STOP_MOVING:
-        first = here
-    elif here == NOWHERE:
-        first = int(batch.trains[slot, at]["start"])
-    else:
-        first = leave(batch.codes[slot], batch.leads[slot], here, action)
+    train = batch.trains[slot, at]
+    to = destination(batch.codes[slot], batch.leads[slot], train, action)
+    first = int(train["config"]) if action == STOP_MOVING else to
     planned = desk.order[: by_distance(batch, slot, desk.order)]
     for number in range(teacher.orders):
         if number:

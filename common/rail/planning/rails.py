@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import bare_kernel
-from common.rail.compiled.arrays import NOTHING, SINGLE, UNREACHED
-from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT
+from common.rail.compiled.arrays import NOTHING, SINGLE, UNREACHED, Batch
+from common.rail.compiled.step import destination
+from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
 
 
 @bare_kernel
@@ -55,4 +56,24 @@ def shortest_way(
             beyond = distance[leads[(here & ~3) + way]]
             if beyond < least:
                 best, least = way, beyond
+    return best
+
+
+@bare_kernel
+def shortest_allowed(batch: Batch, slot: int, at: int, bits: int) -> int:
+    """The move of those allowed, a bit each, beyond which a train's way is shortest; STOP_MOVING if there is none.
+
+    Of equally short ways the leftmost.
+    """
+    codes, leads, distance, train = (
+        batch.codes[slot],
+        batch.leads[slot],
+        batch.distances[slot, at],
+        batch.trains[slot, at],
+    )
+    best, least = STOP_MOVING, UNREACHED
+    for action in range(MOVE_LEFT, MOVE_RIGHT + 1):
+        to = destination(codes, leads, train, action) if bits >> action & 1 else NOTHING
+        if to != NOTHING and distance[to] < least:
+            best, least = action, int(distance[to])
     return best

@@ -21,12 +21,12 @@ from common.levels.level import Level
 from common.rail.compiled.decisions import CELLS
 from common.rail.compiled.world import CompiledWorld, Parts
 from common.rail.planning.advising import Desk, advise, desk_for
+from common.rail.planning.rails import shortest_allowed
 from common.rail.play import Choose, Decision, Stage
 from common.rail.world import DO_NOTHING, STOP_MOVING
 from common.records.course import NONE, Course
 from common.requests import Demonstrator
 from common.seeding import stream_key
-from services.evaluator.references.interlocked import shortest_allowed
 from services.evaluator.references.planner import actions_of_best_plan
 
 Play = Callable[[int, Level, int], Course]  # number of the episode, its level, the seed of its malfunctions
@@ -83,14 +83,14 @@ def onward(parts: Parts) -> Choose:
     """The shortest way of those allowed."""
 
     def choose(_seen: NDArray[np.float32], _step: int, train: int, allowed: int, _label: int = NONE) -> Decision:
-        return Decision(heeded(parts, train, allowed, int(shortest_allowed(parts.batch, train, allowed))))
+        return Decision(heeded(parts, train, allowed, int(shortest_allowed(parts.batch, 0, train, allowed))))
 
     return choose
 
 
 def heeded(parts: Parts, train: int, allowed: int, wanted: int) -> int:
     """What a train does that wants to take an action, or knows none."""
-    for action in (wanted, STOP_MOVING, int(shortest_allowed(parts.batch, train, allowed))):
+    for action in (wanted, STOP_MOVING, int(shortest_allowed(parts.batch, 0, train, allowed))):
         if action != NONE and allowed >> action & 1:
             return action
     return (allowed & -allowed).bit_length() - 1  # the lowest: no way leads to its target

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from common.kernel import kernel
 from common.rail.asking import unasked
-from common.rail.compiled.arrays import NOTHING, NOWHERE, UNREACHED, Batch
-from common.rail.compiled.step import leave
+from common.rail.compiled.arrays import NOTHING
 from common.rail.compiled.world import Parts
 from common.rail.interlocking.asking import allowed, begin, grant, next_asked
-from common.rail.world import MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
+from common.rail.planning.rails import shortest_allowed
 from services.evaluator.references.performing import Act
 
 
@@ -39,18 +38,5 @@ def drive_on_as_allowed(parts: Parts, mode: int, actions: NDArray[np.int8]) -> N
         at = next_asked(batch, 0, deciding, signals)
         if at == NOTHING:
             return
-        actions[at] = shortest_allowed(batch, at, allowed(batch, 0, mode, at, signals))
+        actions[at] = shortest_allowed(batch, 0, at, allowed(batch, 0, mode, at, signals))
         grant(batch, 0, mode, at, actions[at], signals)
-
-
-@kernel
-def shortest_allowed(batch: Batch, at: int, bits: int) -> int:
-    """The move of those allowed, a bit each, beyond which a train's way is shortest; STOP_MOVING if there is none."""
-    codes, leads, train = batch.codes[0], batch.leads[0], batch.trains[0, at]
-    here = train["config"] if train["config"] != NOWHERE else train["start"]
-    best, least = STOP_MOVING, UNREACHED
-    for action in range(MOVE_LEFT, MOVE_RIGHT + 1):
-        to = leave(codes, leads, here, action) if bits >> action & 1 else NOTHING
-        if to != NOTHING and batch.distances[0, at, to] < least:
-            best, least = action, batch.distances[0, at, to]
-    return best

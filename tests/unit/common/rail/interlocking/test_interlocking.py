@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_rails import EAST, WEST, line, scheduled
+from made_rails import EAST, WEST, fork, line, scheduled
 from plain_search import everybody_gets_home
 
 from common.levels.distributions import LegacyLevels, MalfunctionSettings, StockLevels
@@ -19,7 +19,7 @@ from common.rail.compiled.world import CompiledWorld
 from common.rail.interlocking.asking import FORWARD, STOP, allowed, begin, grant, next_asked
 from common.rail.interlocking.proof import is_proven, settle
 from common.rail.interlocking.signals import INTERLOCKINGS, PLANNED, Signals
-from common.rail.world import MOVE_FORWARD, STOP_MOVING
+from common.rail.world import MOVE_FORWARD, MOVE_LEFT, STOP_MOVING
 
 MALFUNCTIONS = MalfunctionSettings(rate=0.05, min_steps=1, max_steps=12)
 LEVELS = {
@@ -170,6 +170,16 @@ def test_a_train_that_breaks_down_as_it_is_granted_a_move_is_bound_to_it():
         watched.world.step(np.array([[MOVE_FORWARD]], np.int8))
     watched.begin()
     assert allowed(watched.batch, 0, watched.mode, 0, watched.signals) == FORWARD | STOP
+
+
+@pytest.mark.parametrize("mode", ["valid", "safe", "planned"])
+def test_who_starts_where_rails_only_branch_off_departs_by_turning(mode):
+    level = replace(fork(0), starts=np.array([[1, 2, EAST]], np.int32))
+    watched = Watched(level, "legacy", mode, "cells", 0)
+    watched.begin()
+    assert allowed(watched.batch, 0, watched.mode, 0, watched.signals) == 1 << MOVE_LEFT | STOP
+    watched.world.step(np.array([[MOVE_LEFT]], np.int8))
+    assert watched.trains[0]["config"] == watched.trains[0]["start"]
 
 
 def test_where_there_is_no_way_home_nobody_goes():
