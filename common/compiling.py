@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import numba
-from numba.core import caching, event
+from numba.core import caching, event, types
 
 from common.compile_signs import compiling
 from common.sources import digest
@@ -86,4 +86,24 @@ def compiled(function: Callable[..., object], *, counts_references: bool) -> Any
     njit: Any = numba.njit  # whose types leave out the option that turns the counting off
     dispatcher = njit(error_model="numpy", _nrt=counts_references)(function)
     dispatcher._cache = KernelCache(function)  # noqa: SLF001  (as `enable_caching` does with numba's own)
+    if hasattr(dispatcher, "get_call_template"):  # unless numba is told to compile nothing
+        dispatcher.get_call_template = _called_with_few_types(dispatcher.get_call_template)
     return dispatcher
+
+
+def _called_with_few_types(template: Callable[..., Any]) -> Callable[..., Any]:
+    """What numba asks when one compiled function calls another, with types for `args` and `kws`.
+
+    It otherwise compiles a function, and all that this calls, once for every constant and size of integers it is given.
+    """
+
+    def called(args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
+        return template(tuple(map(general, args)), {name: general(arg) for name, arg in kws.items()})
+
+    return called
+
+
+def general(kind: Any) -> Any:
+    """The type that a value of this type is passed as: integers have 64 bits."""
+    kind = types.unliteral(kind)
+    return types.int64 if isinstance(kind, types.Integer) and kind != types.uint64 else kind

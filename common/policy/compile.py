@@ -13,23 +13,21 @@ from common.policy.networks import build_network, export_parameters
 from common.policy.player import Acting, compiled_world, network_layout, play
 from common.policy.rollout import Rollouts
 from common.rail.interlocking.signals import ALL_ACTIONS
-from common.rail.planning.judging import Teacher
 from common.rules.settings import NetworkConfig
 from common.task import carry_out
 from common.world import WorldSpec
 
 
 def main() -> None:
-    """Generate levels of both kinds; play an episode whole, one with a teacher, and one step by step."""
+    """Generate levels of both kinds; play an episode whole, and one step by step."""
     generate(StockLevels(rules="stock", size=(25, 25), trains=2, cities=2, speeds={1.0: 0.5, 0.5: 0.5}), 0)
-    config, spec = NetworkConfig(), WorldSpec(levels={"easy": shipped()["easy"]})
+    config, spec = NetworkConfig(), WorldSpec(levels={"easy": shipped()["easy"]}, interlocking="planned")
     layout = network_layout(config, spec.n_features)
     twin = Twin(layout)
     twin.load(export_parameters(build_network(config, layout.n_features, layout.n_actions, seed=0)))
     level = LevelSupply(spec.levels).training("easy", 0)
     world = compiled_world(spec, "legacy", level.n_trains)
     play(Rollouts(world), level, Acting(twin, epsilon=0.5))
-    play(Rollouts(world), level, Acting(twin, teacher=Teacher(orders=1, margin=4, patience=16, key=np.uint64(1))))
     world.load(0, level)
     world.observe_deciding()
     twin.in_episode(0.5, 0, twin.zero_state(level.n_trains))(world.observe(0, 0), 0, 0, ALL_ACTIONS)

@@ -3,6 +3,8 @@
 The machine code is kept beside the sources, or in the user's cache where those cannot be written.
 """
 
+from itertools import product
+
 import numpy as np
 
 from common.board import look_over
@@ -28,22 +30,23 @@ RULES = {
     "sil": {"ppo": "ppo", "sil": "sil", "replay": "prioritized"},
 }
 HIDDEN = {"hidden": [16, 16]}
+WIDTHS = N_FEATURES, 300  # the replay numbers features by bytes, or beyond 256 by two
 
 
-def learning(rule: str) -> Learning[RuleSettings]:
+def learning(rule: str, n_features: int = N_FEATURES) -> Learning[RuleSettings]:
     """A small setting."""
     sections = {key: SECTIONS[name] for key, name in RULES[rule].items()}
     network = HIDDEN | ({"kind": "dueling"} if rule == "dqn" else {})
     settings = settings_of(rule).model_validate({"network": network, **sections})
-    return Learning(1, 2, settings, N_FEATURES)
+    return Learning(1, 2, settings, n_features)
 
 
 def main() -> None:
     """Two episodes with each kind of network and replay."""
-    for rule in RULES:
-        trainer = build_trainer(rule, learning(rule))
+    for rule, n_features in product(RULES, WIDTHS):
+        trainer = build_trainer(rule, learning(rule, n_features))
         for number in range(2):
-            trainer.train(made_up_episode(number))
+            trainer.train(made_up_episode(number, n_features))
         trainer.restore(trainer.state())
         look_over(Order.of(weights := trainer.weights()).pack(weights).view(np.int64))
 

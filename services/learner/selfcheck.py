@@ -21,14 +21,14 @@ from services.learner.learning import Learning, build_trainer
 N_FEATURES, N_ACTIONS, TRAINS, STEPS, EPISODES = 252, 5, 3, 60, 6
 
 
-def made_up_episode(number: int) -> Fragment:
+def made_up_episode(number: int, n_features: int = N_FEATURES) -> Fragment:
     """An episode whose content is a function of its number, in memory at a random alignment."""
     rng = np.random.Generator(np.random.Philox(key=number))
     count = TRAINS * STEPS
     shift = os.urandom(1)[0] % 16
-    buffer = np.empty(shift + count * N_FEATURES, np.float32)
-    observations = buffer[shift:].reshape(count, N_FEATURES)
-    observations[:] = -rng.random((count, N_FEATURES), np.float32)
+    buffer = np.empty(shift + count * n_features, np.float32)
+    observations = buffer[shift:].reshape(count, n_features)
+    observations[:] = -rng.random((count, n_features), np.float32)
     actions = rng.integers(0, N_ACTIONS, count, np.int8)
     decisions = Decisions(
         observations=observations,
@@ -48,7 +48,7 @@ def made_up_episode(number: int) -> Fragment:
         decisions=decisions,
         rewards=np.full((STEPS, TRAINS), -1, np.float32),
         arrived_at=np.full(TRAINS, -1, np.int32),
-        final_observations=np.zeros((TRAINS, N_FEATURES), np.float32),
+        final_observations=np.zeros((TRAINS, n_features), np.float32),
         final_allowed=np.full(TRAINS, ALL_ACTIONS, np.uint8),
         states=np.zeros((TRAINS, 0), np.float32),
     )

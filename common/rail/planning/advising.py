@@ -56,6 +56,11 @@ def desk_for(batch: Batch, steps: int, before: Desk | None = None) -> Desk:
         if times > steps and room_cells >= cells and len(before.order) >= trains:
             return before
         steps, cells, trains = max(steps, times - 1), max(cells, room_cells), max(trains, len(before.order))
+    return new_desk(steps, cells, trains)
+
+
+def new_desk(steps: int, cells: int, trains: int) -> Desk:
+    """A desk for worlds of so many steps, cells and trains; raises ValueError as `room_for` does."""
     return Desk(
         room=room_for(steps, cells),
         ways=np.empty((trains, steps + 1), np.int32),
