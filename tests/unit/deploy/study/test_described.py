@@ -183,7 +183,7 @@ def test_a_file_is_found_by_what_it_says(tmp_path):
 
 
 def test_what_is_not_there_is_said():
-    assert refused(find_study, "thesi").startswith("no study named 'thesi': did you mean thesis? known are thesis,")
+    assert refused(find_study, "thesi").startswith("no study named 'thesi': did you mean thesis? known are dispatch, ")
     assert refused(find_study, "no.yaml").startswith("no.yaml cannot be read")
     assert refused(find_folder, "thesis").startswith("study thesis has not been started in")
     assert refused(named, study(), "a/b").startswith("--name 'a/b': use letters")
