@@ -54,6 +54,16 @@ def digest_of(world: WorldSpec) -> str:
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 
+def digest_of_file(path: Path) -> str:
+    """What two files share that are the same.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
+
+
 def write_demonstrations(path: Path, world: WorldSpec, policy: str, episodes: int, courses: Iterable[Course]) -> None:
     """Write as many episodes as are said, as they come; nobody ever sees a part of the file.
 

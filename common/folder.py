@@ -51,6 +51,11 @@ class RunFolder:
         return self.path / "start.safetensors"
 
     @property
+    def demonstrations_file(self) -> Path:
+        """The run's copy of the demonstrations that its replay begins with, if it does."""
+        return self.path / "start.demonstrations"
+
+    @property
     def board_file(self) -> Path:
         return self.path / "weights.board"
 

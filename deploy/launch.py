@@ -24,6 +24,7 @@ from common.levels.own import LEVELS, ReadLevels
 from common.locks import living
 from common.snapshots import newest_snapshot
 from common.strict import ConfigError
+from deploy.demonstrations import copy_demonstrations
 from deploy.plan import ENVIRONMENT
 from deploy.runs import Failed, runs_root, supervised
 from deploy.start import copy_start
@@ -58,7 +59,7 @@ def new_run(
         config: what it does.
         root: the folder that it shall lie in; None: beside all other runs.
         own: what its level files hold, by the name of the distribution.
-        base: where the path of the checkpoint starts that it begins with.
+        base: where the paths of the checkpoint and of the demonstrations start that it begins with.
 
     Raises:
         ConfigError, Failed: as `check_new`, or the folder cannot be made.
@@ -73,6 +74,7 @@ def new_run(
         for level, read in own.items():
             read.save(temporary / LEVELS, level)
         copy_start(config, base, RunFolder(temporary).start_file)
+        copy_demonstrations(config, base, RunFolder(temporary).demonstrations_file)
         temporary.rename(path)
     except Failed:
         shutil.rmtree(temporary, ignore_errors=True)

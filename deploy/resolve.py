@@ -15,11 +15,12 @@ from common.mapping_file import read_mapping
 from common.rules import settings_of
 from common.strict import ConfigError, flat, nearest, section_of, shortened
 from common.world import WorldSpec, checked_world, chosen_levels, read_world
+from deploy.demonstrations import with_demonstrations_read
 from deploy.start import with_start_read
 
 Plain = dict[str, Any]
 LEVEL_FORM = re.compile(LEVEL_PATTERN)
-START = "start_from"  # a section that may be null
+FILES = {"start_from": "checkpoint", "demonstrations": "file"}  # sections that may be null, or just their file
 EVALUATION_LEVELS = 50  # unless fewer are kept from training
 
 
@@ -81,7 +82,7 @@ def resolve(given: Plain, base: Path = Path()) -> RunConfig:
     merged["levels"] = world.model_dump(mode="json")["levels"]
     if "actors" in given.get("cluster", {}):  # named actors replace the default ones, they do not add to them
         merged["cluster"]["actors"] = given["cluster"]["actors"]
-    return with_start_read(parse_config(merged), base)
+    return with_demonstrations_read(with_start_read(parse_config(merged), base), base)
 
 
 def _most_alike(world: WorldSpec, names: Sequence[str]) -> str:
@@ -157,8 +158,9 @@ def spelled_out(given: Plain, rule: str) -> Plain:
         ConfigError: both level and mix are given.
     """
     given = {key: _with_kind(str(key), value, rule) for key, value in given.items()}
-    if isinstance(given.get(START), str):
-        given[START] = {"checkpoint": given[START]}
+    for name, file in FILES.items():
+        if isinstance(given.get(name), str):
+            given[name] = {file: given[name]}
     level = given.pop("level", None)
     if level is None:
         return given
@@ -186,7 +188,7 @@ def check_sections(given: Plain, rule: str) -> None:
         if not isinstance(name, str):
             raise ConfigError(f"{name}: keys should be strings, not {name!r}")
         is_section = name in ("mix", "levels") or _section(name, rule) is not None
-        if is_section and not isinstance(value, dict) and not (name == START and value is None):
+        if is_section and not isinstance(value, dict) and not (name in FILES and value is None):
             raise ConfigError(f"{name}: input should be a valid dictionary, not {shortened(value)}")
 
 

@@ -33,6 +33,18 @@ class StartFrom(Strict):
     digest: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")] | None = None
 
 
+class Demonstrations(Strict):
+    """A file of `railctl demonstrate` whose episodes a replay holds from the start.
+
+    Attributes:
+        file: relative paths start from the run file.
+        digest: that of the file, noted when the run is made, which keeps a copy of it.
+    """
+
+    file: str = Field(min_length=1)
+    digest: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")] | None = None
+
+
 class RuleSettings(Strict):
     """The settings of an update rule. Each rule adds its sections, and checks how they go together."""
 
@@ -59,6 +71,16 @@ class RuleSettings(Strict):
     def begins_with(self) -> StartFrom | None:
         """The checkpoint whose network is the first; None: that of the seed."""
         return None
+
+    @property
+    def demonstrated(self) -> Demonstrations | None:
+        """The demonstrations that the replay begins with, if any."""
+        return None
+
+    @property
+    def room_for_demonstrations(self) -> int:
+        """The decisions that a replay of demonstrations has room for."""
+        return 0
 
     def module(self, n_features: int, n_actions: int, seed: int) -> Any:  # noqa: ARG002
         """A `torch.nn.Module` of the rule's own to train and to act with; None: that of `network.kind`."""

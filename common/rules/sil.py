@@ -6,6 +6,7 @@ from pydantic import Field, model_validator
 
 from common.rules.policies import ActorCriticConfig, PolicySettings
 from common.rules.replay import PrioritizedReplay, check_batch
+from common.rules.settings import Demonstrations
 from common.strict import Strict
 
 
@@ -23,6 +24,7 @@ class Settings(PolicySettings):
     network: ActorCriticConfig = ActorCriticConfig()
     sil: SilConfig
     replay: PrioritizedReplay
+    demonstrations: Demonstrations | None = None
 
     @model_validator(mode="after")
     def _replay_fits(self) -> Self:
@@ -32,3 +34,11 @@ class Settings(PolicySettings):
                 f"replay.beta {self.replay.beta:g}: self-imitation is to favour what turned out well, make it 0"
             )
         return self
+
+    @property
+    def demonstrated(self) -> Demonstrations | None:
+        return self.demonstrations
+
+    @property
+    def room_for_demonstrations(self) -> int:
+        return self.replay.capacity

@@ -55,6 +55,7 @@ def demonstrate(
     """Write episodes that a policy plays on the training levels of a run, for others to learn."""
     _check(policy, episodes, orders, out, sample=sample)
     given: dict[str, Any] = {} if file is None else read_file(file)
+    given.pop("demonstrations", None)  # perhaps those that are to be written
     base = Path() if file is None else file.parent
     if level is not None:
         given.pop("mix", None)  # options go before the file

@@ -12,7 +12,7 @@ from common.config import RunConfig
 from common.folder import write_atomically
 from common.levels.distributions import AnyLevels, StockLevels
 from common.strict import ConfigError, flat, nearest
-from deploy.resolve import merge, preset_of, resolve, spelled_out
+from deploy.resolve import FILES, merge, preset_of, resolve, spelled_out
 from deploy.runs import Failed, runs_root
 
 SHIPPED = Path(__file__).parents[1] / "studies"
@@ -148,10 +148,11 @@ def _check_settings(field: str, settings: Mapping[str, Any]) -> None:
     for key in OF_THE_STUDY:
         if key in settings:
             raise ConfigError(f"{field}.{key}: the study says it for all its runs, leave it out")
-    start = settings.get("start_from")
-    checkpoint = start.get("checkpoint") if isinstance(start, Mapping) else start
-    if isinstance(checkpoint, str) and not Path(checkpoint).is_absolute():
-        raise ConfigError(f"{field}.start_from {checkpoint}: a study runs from anywhere, give the whole path")
+    for name, file in FILES.items():
+        start = settings.get(name)
+        path = start.get(file) if isinstance(start, Mapping) else start
+        if isinstance(path, str) and not Path(path).is_absolute():
+            raise ConfigError(f"{field}.{name} {path}: a study runs from anywhere, give the whole path")
     cluster = settings.get("cluster")
     for key in OF_THE_MACHINE:
         if isinstance(cluster, dict) and key in cluster:

@@ -4,7 +4,7 @@ An update rule is a module of `services.learner.algorithms` with a function `bui
 """
 
 import importlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from common.policy.flat import Arrays
 from common.rail.world import N_ACTIONS
 from common.records.acting import Fragment
+from common.records.course import Course
 from common.rules.settings import RuleSettings
 
 if TYPE_CHECKING:  # algorithms, which come here, are not to see it
@@ -34,6 +35,7 @@ class Learning(Generic[S_co]):
         n_actions: A.
         least_reward: what a train gets in a step that gets the least for ever.
         start: the parameters of the network that the run begins with, by name; None: the seed makes them.
+        demonstrations: that a replay begins with.
     """
 
     seed: int
@@ -43,10 +45,15 @@ class Learning(Generic[S_co]):
     n_actions: int = N_ACTIONS
     least_reward: float = -1.0
     start: Mapping[str, NDArray[np.float32]] | None = None
+    demonstrations: Iterable[Course] = ()
 
 
-def learning_of(config: "RunConfig", start: Mapping[str, NDArray[np.float32]] | None = None) -> Learning[RuleSettings]:
-    """The part of a run's configuration that learning sees, and the network that it begins with, if that is given."""
+def learning_of(
+    config: "RunConfig",
+    start: Mapping[str, NDArray[np.float32]] | None = None,
+    demonstrations: Iterable[Course] = (),
+) -> Learning[RuleSettings]:
+    """The part of a run's configuration that learning sees, and what it begins with, if that is given."""
     world = config.world
     return Learning(
         config.seed,
@@ -55,6 +62,7 @@ def learning_of(config: "RunConfig", start: Mapping[str, NDArray[np.float32]] | 
         world.n_features,
         least_reward=world.reward.floor,
         start=start,
+        demonstrations=demonstrations,
     )
 
 

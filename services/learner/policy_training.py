@@ -124,7 +124,7 @@ class PolicyTrainer:
         if n_features != self._network.n_features:
             raise ValueError(f"episode {episode} has {n_features} features, the network {self._network.n_features}")
         course = self._lesson(fragment.course)
-        rows = self._rule.learn(self._experience(course)) if len(course.decisions) else []
+        rows = self._rule.learn(self.experience(course)) if len(course.decisions) else []
         return {
             "updates": float(len(rows)),
             "transitions": float(len(decisions)),
@@ -163,7 +163,8 @@ class PolicyTrainer:
         """What is to be learned of an episode."""
         return course
 
-    def _experience(self, course: Course) -> Experience:
+    def experience(self, course: Course) -> Experience:
+        """What there is to learn from the decisions of a whole episode."""
         values = self._network.values(sparse_rows(_own(course.final_observations)))
         least, decisions = np.full_like(values, self._least_reward), course.decisions
         return Experience(

@@ -25,7 +25,7 @@ from services.learner.learning import build_trainer, learning_of
 from services.learner.memory import Memory, take_memory
 from services.learner.opened import OpenEpisode
 from services.learner.schedule import Schedule
-from services.learner.start import start_of
+from services.learner.start import demonstrations_of, start_of
 from services.learner.telemetry import Telemetry
 
 if TYPE_CHECKING:
@@ -51,7 +51,8 @@ class Learner:
         self._archive = Archive(context.folder, context.config)
         try:
             start = start_of(context.folder, self._config)
-            self._trainer = build_trainer(self._config.rule, learning_of(self._config, start))
+            demonstrations = demonstrations_of(context.folder, self._config)
+            self._trainer = build_trainer(self._config.rule, learning_of(self._config, start, demonstrations))
         except ValueError as error:
             raise Fatal(str(error)) from None
         self._settled = self._trainer.weights()  # after the last whole episode

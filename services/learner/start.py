@@ -1,8 +1,12 @@
-"""The network that a run begins with, out of the run's own copy of a checkpoint."""
+"""What a run begins with, out of its own copies: the network of a checkpoint, demonstrations."""
+
+from collections.abc import Iterator
 
 from common.checkpoint import Tensors, load
 from common.config import RunConfig
+from common.demonstrations import digest_of_file, read_demonstrations
 from common.folder import RunFolder
+from common.records.course import Course
 
 
 def start_of(folder: RunFolder, config: RunConfig) -> Tensors | None:
@@ -18,3 +22,21 @@ def start_of(folder: RunFolder, config: RunConfig) -> Tensors | None:
     if metadata["digest"] != start.digest:
         raise ValueError(f"{folder.start_file}: is not the checkpoint that the run began with: restore it")
     return tensors
+
+
+def demonstrations_of(folder: RunFolder, config: RunConfig) -> Iterator[Course]:
+    """The episodes of the demonstrations, if there are any; they are read as they are asked for.
+
+    Raises:
+        ValueError: the copy is missing, or another file than the run began with.
+    """
+    given = config.learning.demonstrated
+    if given is None:
+        return
+    try:
+        digest = digest_of_file(folder.demonstrations_file)
+    except OSError as error:
+        raise ValueError(f"{folder.demonstrations_file}: {error.strerror}: restore it") from None
+    if digest != given.digest:
+        raise ValueError(f"{folder.demonstrations_file}: is not what the run began with: restore it")
+    yield from read_demonstrations(folder.demonstrations_file)[1]

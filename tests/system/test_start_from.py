@@ -1,4 +1,4 @@
-"""Runs that go on from the network of another, in real clusters."""
+"""Runs that go on from the network of another, or begin with demonstrations, in real clusters."""
 
 import shutil
 
@@ -15,3 +15,16 @@ def test_whoever_acts_a_run_that_begins_with_a_checkpoint_has_its_curve(clusters
     clusters.railctl("tail", "acted")
     assert len(clusters.curve("alone")) == 7
     assert clusters.curve("acted") == clusters.curve("alone")
+
+
+def test_whoever_acts_a_run_that_begins_with_demonstrations_has_its_curve(clusters, tmp_path):
+    demonstrations = tmp_path / "some.demos"
+    clusters.railctl("demonstrate", "planner", "--level", "easy", "--episodes", "20", "--out", str(demonstrations))
+    start = ("--algorithm", "sil", "--set", f"demonstrations={demonstrations}", "--episodes", "6")
+    clusters.up_any("alone", *start)
+    clusters.up_any("acted", *start, "--actors", "easy=1", "--detach")
+    demonstrations.unlink()
+    clusters.railctl("tail", "acted")
+    assert clusters.curve("acted") == clusters.curve("alone")
+    clusters.up_any("without", *start[:2], *start[4:])
+    assert clusters.curve("without") != clusters.curve("alone")

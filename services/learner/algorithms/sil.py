@@ -13,6 +13,8 @@ What the text leaves open:
 - No weights of importance. That prioritised batches are not uniform is what they are for here (the text: "ensure that
   each sampled batch contains more than average positive experiences"), and weights divided by the largest of a batch
   would let a single decision of priority zero silence all others. So the replay's `beta` has to be 0.
+- A replay may begin with demonstrations, those of a mentor. They are decisions like all others: imitated for as long as
+  they turn out better than the critic thinks, and overwritten in the end.
 - Neither loss is clipped, there is no entropy bonus besides that of `ppo`'s epochs, and both kinds of epochs share one
   Adam. Gradients are clipped as there.
 """
@@ -72,6 +74,10 @@ class SelfImitation(WithReplay):
             return rows
         return rows + [self._imitate() for _ in range(self._config.epochs)]
 
+    def remember(self, shown: Experience, least: float) -> None:
+        """Take in a demonstration, whose decisions are better at first than the `least` value of all, by far."""
+        self._replay.add(shown, _priorities(shown.least_return_t - np.float32(least)))
+
     def _imitate(self) -> dict[str, float]:
         batch, places = self._replay.sample(self._config.batch_size)
         metrics, gain = self._sil.update(sparse_rows(batch.observation_tm1), batch)
@@ -91,4 +97,7 @@ def build(learning: Learning[Settings]) -> Trainer:
     replay = ExperienceReplay(settings.replay, learning.n_features, learning.seed)
     on_policy = WholeEpisodes(settings.ppo, network)
     rule = SelfImitation(settings.sil, on_policy, Sil(settings.sil, network), replay)
-    return PolicyTrainer(learning, network, rule)
+    trainer = PolicyTrainer(learning, network, rule)
+    for course in learning.demonstrations:
+        rule.remember(trainer.experience(course), learning.least_reward)
+    return trainer

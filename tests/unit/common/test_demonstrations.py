@@ -4,37 +4,10 @@ import json
 
 import numpy as np
 import pytest
+from demonstrated import WORLD, course
 
 from common.demonstrations import DemonstrationsError, digest_of, read_demonstrations, write_demonstrations
-from common.records.course import Course, Decisions
 from common.world import WorldSpec, study_world
-
-WORLD = WorldSpec(levels={"easy": study_world().levels["easy"]})
-
-
-def course(number=0, actions=(2, 4), first_step=0, labels=None):
-    count = len(actions)
-    return Course(
-        level_hash=f"{number:032x}",
-        max_steps=40,
-        first_step=first_step,
-        over=True,
-        decisions=Decisions(
-            observations=np.full((count, WORLD.n_features), number, np.float32),
-            times=np.full(count, first_step, np.int32),
-            trains=np.arange(count, dtype=np.int32),
-            actions=np.array(actions, np.int8),
-            allowed=np.full(count, 31, np.uint8),
-            log_probabilities=np.zeros(count, np.float32),
-            values=np.zeros(count, np.float32),
-            labels=np.array(actions if labels is None else labels, np.int8),
-        ),
-        rewards=np.zeros((3, 2), np.float32),
-        arrived_at=np.array([2, -1], np.int32),
-        final_observations=np.zeros((2, WORLD.n_features), np.float32),
-        final_allowed=np.full(2, 31, np.uint8),
-        states=np.zeros((2, 0), np.float32),
-    )
 
 
 @pytest.fixture

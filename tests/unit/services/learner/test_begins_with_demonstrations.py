@@ -1,0 +1,60 @@
+"""The demonstrations that a replay begins with."""
+
+import numpy as np
+import pytest
+from demonstrated import WORLD, course
+
+from common.demonstrations import write_demonstrations
+from deploy.launch import new_run
+from deploy.resolve import resolve
+from services.learner.learning import build_trainer, learning_of
+from services.learner.returns import decision_returns
+from services.learner.start import demonstrations_of
+
+PLAIN = {"algorithm": "sil", "level": "easy", "cluster": {"cores": 1}}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """That of a run which begins with two episodes of two decisions each."""
+    write_demonstrations(tmp_path / "some.demos", WORLD, "somebody", 2, map(course, range(2)))
+    config = resolve(PLAIN | {"demonstrations": "some.demos"}, tmp_path)
+    return new_run("some", config, tmp_path / "runs", base=tmp_path)
+
+
+def test_they_are_in_the_replay_as_decisions_like_all_others(folder):
+    config = folder.config()
+    with_them = build_trainer("sil", learning_of(config, None, demonstrations_of(folder, config)))
+    without = build_trainer("sil", learning_of(resolve(PLAIN)))
+    state = with_them.state()
+    assert state["rule/action_tm1"].tolist() == [2, 4, 2, 4]
+    returns = decision_returns(course(), np.full(2, -1, np.float32), config.learning.discount)
+    assert state["rule/return_t"][0] == returns[0]  # of a train that arrives
+    np.testing.assert_array_equal(state["rule/least_return_t"], np.tile(returns, 2))
+    assert without.state()["rule/action_tm1"].tolist() == []
+    for name, array in without.weights().items():
+        np.testing.assert_array_equal(with_them.weights()[name], array)
+
+
+def test_what_turned_out_better_is_drawn_before_the_rest(folder):
+    config = folder.config()
+    state = build_trainer("sil", learning_of(config, None, demonstrations_of(folder, config))).state()
+    arriving, stopped = state["rule/priorities"][:2]
+    assert arriving > stopped
+
+
+def test_a_trainer_that_is_restored_has_them_once(folder):
+    config = folder.config()
+    first, second = (build_trainer("sil", learning_of(config, None, demonstrations_of(folder, config))) for _ in "12")
+    second.restore(first.state())
+    assert len(second.state()["rule/action_tm1"]) == 4
+
+
+def test_another_copy_is_refused(folder):
+    config = folder.config()
+    write_demonstrations(folder.demonstrations_file, WORLD, "somebody", 1, [course()])
+    with pytest.raises(ValueError, match="is not what the run began with: restore it"):
+        list(demonstrations_of(folder, config))
+    folder.demonstrations_file.unlink()
+    with pytest.raises(ValueError, match="No such file or directory: restore it"):
+        list(demonstrations_of(folder, config))
