@@ -30,6 +30,7 @@ TAKES = {
     "worlds": WITH_WORLDS,
     "episodes": ("cluster", "loop"),
     "observation": ("policy",),
+    "interlocking": ("policy",),
     "level": ("cluster", "loop"),
     "algorithm": ("cluster",),
 }
@@ -48,6 +49,9 @@ def bench(
     ] = None,
     episodes: Annotated[int | None, typer.Option(help="Of each run of cluster or loop; default: 300 or 40.")] = None,
     observation: Annotated[str | None, typer.Option(help="Of ours in policy, tree or traffic; default: tree.")] = None,
+    interlocking: Annotated[
+        str | None, typer.Option(help="Of ours in policy: off, valid, safe or planned; default: off.")
+    ] = None,
     level: Annotated[str | None, typer.Option(help="Of the runs of cluster or loop; default: easy.")] = None,
     algorithm: Annotated[list[str] | None, typer.Option(help="Of cluster; may be repeated; default: all.")] = None,
     as_json: AsJson = False,
@@ -64,6 +68,7 @@ def bench(
         "worlds": worlds,
         "episodes": episodes,
         "observation": observation,
+        "interlocking": interlocking,
         "level": level,
         "algorithm": algorithm,
     }

@@ -8,7 +8,8 @@ torch a step for the trains that decide, one thread, an epsilon-greedy action fo
 Their trees are those of 4.3.0, so they would choose otherwise now and then. Hence ours plays first; theirs does all
 the work of choosing, and then steps with what ours did. In the end all rewards, step by step, must be the same.
 
-With `--observation traffic` ours sees that, and theirs still trees: the library has nothing like it.
+With `--observation traffic` ours sees that, and theirs still trees; with `--interlocking planned` ours asks what trains
+may do before it chooses, and theirs does not: the library has nothing like either.
 
 The network's weights are random, but for a few that make it follow the shortest paths, as a trained one learns first:
 episodes are as long, and trains as jammed, as in training.
@@ -24,7 +25,7 @@ import random
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import torch
@@ -39,6 +40,7 @@ from common.policy.compiled import Twin
 from common.policy.networks import QNetwork, build_network, export_parameters, import_parameters
 from common.policy.player import Acting, network_layout, play
 from common.rail.flatland_env import LegacyActions, LevelEnv, StudyRewards
+from common.rail.interlocking.signals import Interlocking
 from common.rail.normalise import N_NODE_FEATURES, N_NODES, normalise
 from common.rail.observations.table import AnyObservation
 from common.rail.observations.traffic import TrafficObservation
@@ -191,9 +193,11 @@ def _same(theirs: Sequence[dict[int, float]], ours: NDArray[np.float32]) -> bool
     )
 
 
-def comparison(name: str, levels: Sequence[Level], observation: str = "tree") -> Comparison:
+def comparison(
+    name: str, levels: Sequence[Level], observation: str = "tree", interlocking: Interlocking = "off"
+) -> Comparison:
     """Play an episode of each level; every repeat explores in another way."""
-    rollouts, they = study_rollouts(OBSERVATIONS[observation]), TheirPlayer(pathfinder())
+    rollouts, they = study_rollouts(OBSERVATIONS[observation], interlocking), TheirPlayer(pathfinder())
     network = pathfinder(observation)
     twin = Twin(network_layout(NETWORK, network.n_features))
     twin.load(export_parameters(network))
@@ -224,10 +228,13 @@ def comparison(name: str, levels: Sequence[Level], observation: str = "tree") ->
     return Comparison(f"policy {name}", once)
 
 
-def comparisons(worlds: int, observation: str = "tree") -> list[Comparison]:
+def comparisons(worlds: int, observation: str = "tree", interlocking: Interlocking = "off") -> list[Comparison]:
     """All that is measured: episodes on so many levels of each difficulty."""
     torch.set_num_threads(1)
-    return [comparison(name, [generate(name, seed) for seed in range(worlds)], observation) for name in shipped()]
+    return [
+        comparison(name, [generate(name, seed) for seed in range(worlds)], observation, interlocking)
+        for name in shipped()
+    ]
 
 
 if __name__ == "__main__":
@@ -236,4 +243,5 @@ if __name__ == "__main__":
         comparisons,
         worlds=8,
         observation=tuple(OBSERVATIONS),
+        interlocking=get_args(Interlocking),
     )

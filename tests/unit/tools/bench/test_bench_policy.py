@@ -11,6 +11,7 @@ from common.levels.level import Level
 from common.policy.compiled import Twin
 from common.policy.networks import export_parameters
 from common.policy.player import Acting, network_layout, play
+from common.rail.interlocking.signals import Interlocking
 from common.records.course import Course
 from tools.bench import policy
 from tools.bench.conditions import study_rollouts
@@ -56,9 +57,10 @@ def test_another_episode_is_an_error():
         TheirPlayer(pathfinder()).play(script)
 
 
-@pytest.mark.parametrize("observation", [*OBSERVATIONS])
-def test_rows_have_both_times(observation: str):
-    rows = measure([comparison("tiny", [short(generate(shipped()["easy"], 1))], observation)], repeats=1)
+@pytest.mark.parametrize(("observation", "interlocking"), [("tree", "off"), ("traffic", "off"), ("traffic", "planned")])
+def test_rows_have_both_times(observation: str, interlocking: Interlocking):
+    levels = [short(generate(shipped()["easy"], 1))]
+    rows = measure([comparison("tiny", levels, observation, interlocking)], repeats=1)
     assert [(row.name, row.unit) for row in rows] == [
         ("step with policy tiny", "us/step"),
         ("episode with policy tiny", "ms/episode"),
