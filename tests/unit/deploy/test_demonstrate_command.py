@@ -20,7 +20,9 @@ railctl = partial(command_line.railctl, "demonstrate")
 
 
 def test_a_file_is_written_in_the_world_of_a_run(here):
-    Path("run.yaml").write_text("algorithm: dispatch\nlevel: easy\nseed: 3\n")
+    Path("run.yaml").write_text(
+        "algorithm: sil\nlevel: easy\nseed: 3\ninterlocking: planned\ndemonstrations: some.demos\n"
+    )
     result = railctl("shortest-path-planned", "-f", "run.yaml", "--episodes", 2, "--out", "some.demos", "--json")
     assert result.exit_code == 0, result.stderr
     document = json.loads(result.stdout)
