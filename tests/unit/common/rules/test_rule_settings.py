@@ -54,7 +54,7 @@ def test_a_rule_has_its_sections_and_no_others():
         "imitate": {"teacher", "imitation", "replay"},
         "ppo": {"ppo", "start_from"},
         "ppor": {"ppo", "replay", "start_from"},
-        "sil": {"ppo", "sil", "replay", "start_from"},
+        "sil": {"ppo", "sil", "replay", "start_from", "demonstrations"},
     }
 
 
