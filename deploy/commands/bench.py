@@ -53,7 +53,9 @@ def bench(
         str | None, typer.Option(help="Of ours in policy: off, valid, safe or planned; default: off.")
     ] = None,
     level: Annotated[str | None, typer.Option(help="Of the runs of cluster or loop; default: easy.")] = None,
-    algorithm: Annotated[list[str] | None, typer.Option(help="Of cluster; may be repeated; default: all.")] = None,
+    algorithm: Annotated[
+        list[str] | None, typer.Option(help="Of cluster; may be repeated; default: the study's.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure ours beside others: same work, one process, one core; a ratio above 1 says that ours is better.

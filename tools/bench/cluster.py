@@ -31,7 +31,8 @@ from tools.bench.alone import Alone
 from tools.bench.measuring import DisagreementError, Parser, count
 from tools.bench.processes import Watch
 
-ALGORITHMS = ("dqn", "ddqn", "dddqn", "drqn", "ppo", "ppor", "sil")
+ALGORITHMS = ("dqn", "ddqn", "dddqn", "drqn", "ppo", "ppor", "sil")  # the study's
+OTHERS = ("imitate", "dispatch")
 NAME = "bench"
 KINDS = ((0, 0), (0, 1), (3, 2))  # lag and actors
 SPENT = (
@@ -180,7 +181,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     parser.add_argument("--episodes", type=count, default=300, help="of a run; default: %(default)s")
     parser.add_argument("--level", default="easy", choices=list(shipped()), help="default: %(default)s")
-    parser.add_argument("--algorithm", action="append", choices=ALGORITHMS, help="default: all")
+    parser.add_argument("--algorithm", action="append", choices=ALGORITHMS + OTHERS, help="default: the study's")
     chosen = parser.parse_args()
     if chosen.episodes < 2:
         parser.error(f"--episodes {chosen.episodes}: a rate needs at least 2")
