@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from common.checkpoint import Tensors, load
 from common.config import RunConfig
-from common.demonstrations import digest_of_file, read_demonstrations
+from common.demonstrations import DemonstrationsError, digest_of_file, read_demonstrations
 from common.folder import RunFolder
 from common.records.course import Course
 
@@ -28,7 +28,7 @@ def demonstrations_of(folder: RunFolder, config: RunConfig) -> Iterator[Course]:
     """The episodes of the demonstrations, if there are any; they are read as they are asked for.
 
     Raises:
-        ValueError: the copy is missing, or another file than the run began with.
+        ValueError: the copy is missing, or another file than the run began with, or of another version's schema.
     """
     given = config.learning.demonstrated
     if given is None:
@@ -39,4 +39,7 @@ def demonstrations_of(folder: RunFolder, config: RunConfig) -> Iterator[Course]:
         raise ValueError(f"{folder.demonstrations_file}: {error.strerror}: restore it") from None
     if digest != given.digest:
         raise ValueError(f"{folder.demonstrations_file}: is not what the run began with: restore it")
-    yield from read_demonstrations(folder.demonstrations_file)[1]
+    try:
+        yield from read_demonstrations(folder.demonstrations_file)[1]
+    except DemonstrationsError as error:
+        raise ValueError(str(error)) from None

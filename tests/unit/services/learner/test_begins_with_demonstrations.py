@@ -1,10 +1,12 @@
 """The demonstrations that a replay begins with."""
 
+import json
+
 import numpy as np
 import pytest
 from demonstrated import WORLD, course
 
-from common.demonstrations import write_demonstrations
+from common.demonstrations import digest_of_file, write_demonstrations
 from deploy.launch import new_run
 from deploy.resolve import resolve
 from services.learner.learning import build_trainer, learning_of
@@ -48,6 +50,16 @@ def test_a_trainer_that_is_restored_has_them_once(folder):
     first, second = (build_trainer("sil", learning_of(config, None, demonstrations_of(folder, config))) for _ in "12")
     second.restore(first.state())
     assert len(second.state()["rule/action_tm1"]) == 4
+
+
+def test_a_copy_of_another_version_is_refused_as_whatever_a_learner_cannot_begin_with(folder):
+    copy, config = folder.demonstrations_file, folder.config()
+    first, rest = copy.read_bytes().split(b"\n", 1)
+    copy.write_bytes(json.dumps(json.loads(first) | {"schema_version": 4}).encode() + b"\n" + rest)
+    given = config.learning.demonstrations.model_copy(update={"digest": digest_of_file(copy)})
+    config = config.model_copy(update={"learning": config.learning.model_copy(update={"demonstrations": given})})
+    with pytest.raises(ValueError, match="its schema is 4"):
+        list(demonstrations_of(folder, config))
 
 
 def test_another_copy_is_refused(folder):
