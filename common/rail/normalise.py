@@ -15,7 +15,7 @@ a feature and all arithmetic in float32, `clip(x / scale + offset, -1, 0)`:
 | 10 | slowest speed | 1 | -1 |
 | 11 | trains ready to depart | -5 | 0 |
 
-That is `study`. `plain` differs in feature 6, which is the distance from any node to the target, with the scale
+That is `detour`. `plain` differs in feature 6, which is the distance from any node to the target, with the scale
 2 * (height + width) of the largest level and the offset -1; so each of the 12 features is normalised on its own.
 
 So near things and many things read -1. The root's features 0-5 are zeros that mean nothing in flatland: they
@@ -32,7 +32,7 @@ from common.levels.distributions import Bounds
 N_NODES: Final = 21  # of depth 2: root, then left, forward, right, back, each followed by its own four, pre-order
 N_NODE_FEATURES: Final = 12
 N_FEATURES: Final = N_NODES * N_NODE_FEATURES
-Features = Literal["study", "plain"]
+Features = Literal["detour", "plain"]
 
 NEAR_CELLS = 50.0  # two branches reach about as far; things beyond do not matter yet
 JOURNEY_CELLS = 100.0  # longer than almost any journey on a grid of 25x25
@@ -56,7 +56,7 @@ def journey_cells(bounds: Bounds | None) -> int:
 
 
 def normalise(
-    tree: NDArray[np.float32] | NDArray[np.float64], features: Features = "study", journey: float = JOURNEY_CELLS
+    tree: NDArray[np.float32] | NDArray[np.float64], features: Features = "detour", journey: float = JOURNEY_CELLS
 ) -> NDArray[np.float32]:
     """The vector of a tree.
 

@@ -5,11 +5,11 @@ A tree of depth 1, 2, 3 has 5, 21, 85 nodes of 12 features each, so 60, 252, 102
 right, back, each followed by its own, pre-order.
 """
 
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from common.kernel import bare_kernel
 from common.levels.distributions import Bounds, Rules
@@ -40,16 +40,21 @@ class TreeObservation(Strict):
 
     Attributes:
         depth: of the tree.
-        features: `study`: as in the study, feature 6 of a node is the detour through it; `plain`: each of the 12
-            features is normalised on its own.
+        features: `plain`: each of the 12 features is normalised on its own, as the study says; `detour`: feature 6 of a
+            node is the detour through it, which is ours.
         conflicts: whether trees show predicted conflicts. `library`: as the library of the rules does, so under legacy
             rules, not under stock ones, where it is an error of the library; `repaired`: under both.
     """
 
     kind: Literal["tree"] = "tree"
     depth: int = Field(default=2, ge=1, le=3)
-    features: Literal["study", "plain"] = "study"
+    features: Literal["detour", "plain"] = "detour"
     conflicts: Literal["library", "repaired"] = "library"
+
+    @field_validator("features", mode="before")
+    @classmethod
+    def _renamed(cls, features: Any) -> Any:
+        return "detour" if features == "study" else features  # as older runs and checkpoints have it
 
     @property
     def low(self) -> float:
@@ -73,7 +78,7 @@ class TreeObservation(Strict):
 
     def journey(self, bounds: Bounds | None) -> int:
         """The scale of distances to the target, in cells."""
-        return int(JOURNEY_CELLS) if self.features == "study" else journey_cells(bounds)
+        return int(JOURNEY_CELLS) if self.features == "detour" else journey_cells(bounds)
 
     def header(self, rules: Rules, bounds: Bounds | None) -> tuple[int, ...]:
         """What `look_at_trees` is told: mode, depth, features, scale of distances to the target."""

@@ -235,7 +235,7 @@ def test_wrong_names_of_levels_are_named(levels, text):
         ({"observation": {"depth": 4}}, "observation.depth: input should be less than or equal to 3, not 4"),
         ({"observation": {"depth": 0}}, "observation.depth: input should be greater than or equal to 1, not 0"),
         ({"observation": {"deph": 1}}, "unknown key observation.deph: did you mean depth? known are "),
-        ({"observation": {"features": "all"}}, "observation.features: input should be 'study'"),
+        ({"observation": {"features": "all"}}, "observation.features: input should be 'detour'"),
         ({"observation": {"kind": "global", "depth": 2}}, "unknown key observation.depth: "),
         ({"observation": 5}, "observation: input should be a valid dictionary, not 5"),
         ({"observation": None}, "observation: input should be a valid dictionary, not None"),

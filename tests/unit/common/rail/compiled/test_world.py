@@ -33,7 +33,7 @@ def random_actions(world: CompiledWorld, rng: np.random.Generator) -> np.ndarray
     return rng.choice(5, p=[0.05, 0.1, 0.7, 0.1, 0.05], size=(world.slots, world.max_trains)).astype(np.int8)
 
 
-@pytest.mark.parametrize("features", ["study", "plain"])
+@pytest.mark.parametrize("features", ["detour", "plain"])
 @pytest.mark.parametrize("tree", MODES)
 @pytest.mark.parametrize("depth", [1, 2, 3])
 def test_vectors_are_the_normalised_trees(tree: str, depth: int, features: str):
@@ -54,7 +54,7 @@ def test_vectors_are_the_normalised_trees(tree: str, depth: int, features: str):
         for slot, train in np.argwhere(world.batch.trains["config"] != NOWHERE).tolist():
             vector = world.observe(slot, train)
             assert vector.shape == (world.n_features,)
-            expected = normalise(trees[slot, train], features, 100 if features == "study" else 140)
+            expected = normalise(trees[slot, train], features, 100 if features == "detour" else 140)
             assert vector.tobytes() == expected.tobytes()
         world.obey(random_actions(world, rng))
 

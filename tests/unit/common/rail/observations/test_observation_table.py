@@ -54,3 +54,7 @@ def test_the_table_knows_every_kind():
     for data in wrong:
         with pytest.raises(ValidationError):
             adapter.validate_python(data)
+
+
+def test_what_older_runs_call_their_features():
+    assert TreeObservation.model_validate({"features": "study"}) == TreeObservation(features="detour")
