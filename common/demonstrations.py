@@ -49,7 +49,7 @@ class Heading(Strict):
 
 
 def digest_of(world: WorldSpec) -> str:
-    """What two worlds share that are the same: levels, observation, decisions, rewards and interlocking."""
+    """What two worlds share that are the same: levels, observation, decisions, rewards, interlocking and patience."""
     text = json.dumps(world.model_dump(mode="json"), sort_keys=True)
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
@@ -100,12 +100,16 @@ def read_demonstrations(path: Path) -> tuple[Heading, Iterator[Course]]:
     Raises:
         DemonstrationsError: the first line is not one; the episodes raise it as well, for what is wrong with them.
     """
+    with _opened(path) as file:
+        heading = _heading(path, file.readline(MOST_LINE_BYTES))
+    return heading, _courses(path, heading)
+
+
+def _opened(path: Path) -> BinaryIO:
     try:
-        with path.open("rb") as file:
-            heading = _heading(path, file.readline(MOST_LINE_BYTES))
+        return path.open("rb")
     except OSError as error:
         raise DemonstrationsError(f"{path}: {error.strerror}: give a file of railctl demonstrate") from None
-    return heading, _courses(path, heading)
 
 
 def _heading(path: Path, line: bytes) -> Heading:
@@ -128,7 +132,7 @@ def _heading(path: Path, line: bytes) -> Heading:
 
 
 def _courses(path: Path, heading: Heading) -> Iterator[Course]:
-    with path.open("rb") as file:
+    with _opened(path) as file:
         file.readline(MOST_LINE_BYTES)
         for number in range(heading.episodes):
             try:

@@ -29,11 +29,11 @@ def with_demonstrations_read(config: RunConfig, base: Path) -> RunConfig:
         if heading.world != digest_of(config.world):
             raise ConfigError(
                 f"{field}: was played in another world: make it with railctl demonstrate and the levels, observation, "
-                "decisions, rewards and interlocking of the run"
+                "decisions, rewards, interlocking and patience of the run"
             )
         decisions = sum(len(course.decisions) for course in courses)
         digest = digest_of_file(path)
-    except DemonstrationsError as error:
+    except (DemonstrationsError, OSError) as error:
         raise ConfigError(f"demonstrations.file {error}") from None
     if given.digest not in (None, digest):
         raise ConfigError(f"{field}: is not the file of demonstrations.digest {given.digest}: leave the digest out")

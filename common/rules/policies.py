@@ -19,10 +19,15 @@ class ActorCriticConfig(NetworkConfig):
 
 
 class PpoConfig(Strict):
-    """Proximal policy optimisation (Schulman et al. 2017), its critic clipped as well."""
+    """Proximal policy optimisation (Schulman et al. 2017), its critic clipped as well.
+
+    Attributes:
+        advantages: `plain`: returns less values, as in the study's Algorithm 3; `standardised`: over the batch, ours.
+    """
 
     learning_rate: Positive
     epochs: int = Field(ge=1, le=1000)  # updates an episode
+    advantages: Literal["standardised", "plain"] = "standardised"
     clip: Positive = 0.2  # of the ratio of probabilities, and of the change of a value
     value_weight: float = Field(default=0.5, ge=0, allow_inf_nan=False)
     entropy_weight: float = Field(default=0.01, ge=0, allow_inf_nan=False)

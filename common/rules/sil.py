@@ -1,6 +1,6 @@
 """Settings of the rule `sil`."""
 
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -11,11 +11,17 @@ from common.strict import Strict
 
 
 class SilConfig(Strict):
-    """Self-imitation learning (Oh et al. 2018), after the updates of `PpoConfig` and with its learning rate."""
+    """Self-imitation learning (Oh et al. 2018), after the updates of `PpoConfig` and with its learning rate.
+
+    Attributes:
+        returns: what decisions turned out to be worth. `least`, ours: trains that the step limit stops never arrive;
+            `bootstrapped`: the critic says what follows, as for `ppo`'s updates (the study's Algorithm 4 has one R).
+    """
 
     epochs: int = Field(ge=1, le=1000)  # updates an episode
     batch_size: int = Field(ge=1, le=65536)
     value_weight: float = Field(default=0.01, ge=0, allow_inf_nan=False)
+    returns: Literal["least", "bootstrapped"] = "least"
 
 
 class Settings(PolicySettings):

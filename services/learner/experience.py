@@ -14,6 +14,7 @@ from services.learner.sparse import Observations, dense_rows
 
 ROWS = ("observation_tm1",)
 DRAWS = "draws"  # the name of their number in a state
+EPISODES = "episodes"
 
 
 class Experience(NamedTuple):
@@ -72,6 +73,10 @@ class ExperienceReplay:
         """Give new priorities [B] to decisions at `places` [B]."""
         self._replay.reprioritise(places, priorities)
 
+    def temper(self, progress: float) -> None:
+        """Have priorities count as they do after a share of the run."""
+        self._replay.temper(progress)
+
     def metrics(self) -> dict[str, float]:
         """How full it is, and what its priorities are."""
         return self._replay.metrics()
@@ -80,12 +85,12 @@ class ExperienceReplay:
         """A copy of everything."""
         return self._replay.state() | {DRAWS: np.array(self._draws, np.int64)}
 
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Take on a `state`; ValueError names the tensor that does not fit."""
+    def restore(self, state: Mapping[str, NDArray[Any]], progress: float = 0.0) -> None:
+        """Take on a `state`, last tempered with `progress`; ValueError names the tensor that does not fit."""
         if DRAWS not in state:
             raise ValueError(f"tensor {DRAWS} is missing: this state is of another rule")
         kept = {name: array for name, array in state.items() if name != DRAWS}
-        self._replay.restore(with_all_allowed(kept, "allowed_tm1"))
+        self._replay.restore(with_all_allowed(kept, "allowed_tm1"), progress)
         self._draws = int(state[DRAWS])
 
 
@@ -103,3 +108,29 @@ class WithReplay:
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         self._replay.restore(state)
+
+
+class Counting(WithReplay):
+    """A rule that counts episodes, too, for something in it depends on how much of the run is over."""
+
+    def __init__(self, replay: ExperienceReplay, episodes: int) -> None:
+        """`episodes` are those of the run."""
+        super().__init__(replay)
+        self._of, self._episodes = episodes, 0
+
+    @property
+    def _progress(self) -> float:
+        """Episodes so far, as a share of the run's."""
+        return self._episodes / self._of
+
+    def _count(self) -> None:
+        """An episode is over."""
+        self._episodes += 1
+        self._replay.temper(self._progress)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        return super().state() | {EPISODES: np.array(self._episodes, np.int64)}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        self._episodes = int(state.get(EPISODES, 0))
+        self._replay.restore({name: array for name, array in state.items() if name != EPISODES}, self._progress)

@@ -49,15 +49,16 @@ class Learner:
         self._inbox = inbox
         self._config = context.config
         self._archive = Archive(context.folder, context.config)
+        snapshot = self._archive.resume()
         try:
             start = start_of(context.folder, self._config)
-            demonstrations = demonstrations_of(context.folder, self._config)
+            # A snapshot's replay holds what is left of them.
+            demonstrations = demonstrations_of(context.folder, self._config) if snapshot is None else ()
             self._trainer = build_trainer(self._config.rule, learning_of(self._config, start, demonstrations))
         except ValueError as error:
             raise Fatal(str(error)) from None
         self._settled = self._trainer.weights()  # after the last whole episode
         self._weights: dict[int, Arrays] = {}
-        snapshot = self._archive.resume()
         fragments = [] if snapshot is None else self._restore(snapshot)
         self._board = Board(context.folder.board_file, self._trainer.weights(), self._kept_versions)
         self._account = Account(self._archive.rows, time.monotonic())

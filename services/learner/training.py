@@ -109,7 +109,9 @@ class ValueTrainer:
                 metrics.append(self._update())
         self._replay.append(new.items.part(added, len(new)))
         self._counters["steps"] += steps
-        self._counters["episodes"] += course.over
+        if course.over:
+            self._counters["episodes"] += 1
+            self._replay.temper(self._progress)
         return {
             "updates": float(len(metrics)),
             "transitions": float(len(new)),
@@ -143,11 +145,11 @@ class ValueTrainer:
         if different := sorted(set(parts["trainer"]) ^ set(COUNTERS)):
             raise ValueError(f"tensor trainer/{different[0]} is missing or unknown: wants {', '.join(COUNTERS)}")
         self._method.restore(parts["algorithm"])
-        self._replay.restore(with_all_allowed(parts["replay"], "allowed_t"))
+        self._counters = {name: int(parts["trainer"][name]) for name in COUNTERS}
+        self._replay.restore(with_all_allowed(parts["replay"], "allowed_t"), self._progress)
         self._maker.forget()
         for fragment in opened:
             self._maker.take(fragment)  # its transitions are in the replay
-        self._counters = {name: int(parts["trainer"][name]) for name in COUNTERS}
 
     def _learning_steps(self, steps: int) -> Iterator[int]:
         """The steps 1..`steps` from here after which an update falls due."""
@@ -178,5 +180,10 @@ class ValueTrainer:
         """The exponent of the importance weights: from `replay.beta` in a run's first episode to 1 after its last."""
         if isinstance(self._replay_config, UniformReplay):
             return 0.0  # there are none
-        first, progress = self._replay_config.beta, self._counters["episodes"] / self._learning.episodes
-        return first + (1 - first) * min(1.0, progress)
+        first = self._replay_config.beta
+        return first + (1 - first) * min(1.0, self._progress)
+
+    @property
+    def _progress(self) -> float:
+        """Episodes so far, as a share of the run's."""
+        return self._counters["episodes"] / self._learning.episodes

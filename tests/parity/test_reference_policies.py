@@ -17,7 +17,7 @@ from common.rail.compiled.arrays import NOWHERE
 from common.rail.compiled.world import CompiledWorld
 from common.rail.flatland_env import LegacyActions, LevelEnv
 from services.evaluator.references.planner import best_ways
-from services.evaluator.references.policies import reference_policy
+from services.evaluator.references.policies import INTERLOCKINGS, reference_policy
 from services.evaluator.runner import evaluate
 
 DATA = Path(__file__).parent / "data"
@@ -58,7 +58,8 @@ GROUPS = [
 
 @cache
 def score(name, difficulty, rules):
-    return evaluate(reference_policy(name, CompiledWorld(1, 7, rules=rules)), LEVELS[difficulty])
+    world = CompiledWorld(1, 7, rules=rules, interlocking=INTERLOCKINGS.get(name, "off"))
+    return evaluate(reference_policy(name, world), LEVELS[difficulty])
 
 
 @pytest.mark.parametrize(("rules", "difficulty"), GROUPS)

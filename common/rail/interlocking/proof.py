@@ -23,6 +23,7 @@ from common.rail.compiled.ways import nearer
 from common.rail.interlocking.signals import DECISIONS, PLACES, QUEUE, SEARCHES, STAMPS, Signals
 
 UNKNOWN: int = -2  # where a train rests
+LAST_SEARCH: int = 2**31 - 1  # that fits into 32 bits; then they are counted anew
 
 
 @bare_kernel
@@ -195,6 +196,9 @@ def search(
 ) -> int:
     """Go wherever nobody claims a cell: NOTHING once the target is there, else how many places were seen, as queued."""
     queue, stamps = room[QUEUE], room[STAMPS]
+    if numbers[SEARCHES] == LAST_SEARCH:
+        stamps[:] = 0
+        numbers[SEARCHES] = 0
     numbers[SEARCHES] += 1
     stamp = numbers[SEARCHES]
     queue[0], stamps[end] = end, stamp

@@ -10,7 +10,7 @@ from common.policy.player import compiled_world
 from common.requests import DRAWING, PLANNING, ReferenceRequest, asked
 from common.task import carry_out, say
 from common.world import WorldSpec
-from services.evaluator.references.policies import reference_policy
+from services.evaluator.references.policies import INTERLOCKINGS, reference_policy
 from services.evaluator.runner import UnplayableLevelError
 from services.evaluator.score import groups_of, played
 
@@ -18,9 +18,10 @@ from services.evaluator.score import groups_of, played
 def score(request: ReferenceRequest) -> None:
     """Score the policy on all groups of levels."""
     known = shipped() | request.levels.own
+    conditions = WorldSpec(levels=known, interlocking=INTERLOCKINGS.get(request.policy, "off"))
     rows = []
     for group in groups_of(request.levels, known, list(shipped()), {"legacy"}):
-        world = compiled_world(WorldSpec(levels=known), group.rules, group.most_trains)
+        world = compiled_world(conditions, group.rules, group.most_trains)
         policy = reference_policy(request.policy, world, request.draws, request.orders)
         rows.append(played(group, policy, request.levels.file))
     say(

@@ -16,21 +16,21 @@ from common.rail.planning.rails import shortest_allowed
 from services.evaluator.references.performing import Act
 
 
-def interlocked_shortest_path(mode: int, _index: int, parts: Parts) -> Act:
-    """Onward as far as an interlocking of a mode allows, whatever that of the world is."""
+def interlocked_shortest_path(_index: int, parts: Parts) -> Act:
+    """Onward as far as the interlocking of the world allows."""
     actions = np.empty(parts.batch.worlds[0]["trains"], np.int8)
 
     def act(_step: int) -> NDArray[np.int8]:
-        drive_on_as_allowed(parts, mode, actions)
+        drive_on_as_allowed(parts, actions)
         return actions
 
     return act
 
 
 @kernel
-def drive_on_as_allowed(parts: Parts, mode: int, actions: NDArray[np.int8]) -> None:
+def drive_on_as_allowed(parts: Parts, actions: NDArray[np.int8]) -> None:
     """Fill in actions [N] of slot 0."""
-    batch, signals, deciding = parts.batch, parts.signals, parts.deciding[0]
+    batch, mode, signals, deciding = parts.batch, parts.interlocking, parts.signals, parts.deciding[0]
     for at in range(len(actions)):
         actions[at] = unasked(batch.codes[0], batch.trains[0, at]["config"], mode)
     begin(batch, 0, mode, parts.decisions, signals)

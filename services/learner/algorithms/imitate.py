@@ -9,37 +9,31 @@ AISTATS 2011, arXiv:1011.0686: data set aggregation. The planner is asked at eve
 - Decisions without a choice are left out.
 - The loss is the cross entropy with the planner's action, over the actions that were allowed, and the squared error of
   the critic, which learns the returns of whoever acted. Gradients of actor and critic are clipped each.
-- The learning rate falls evenly over the run, to a hundredth.
+- The learning rate falls evenly over the run, to a hundredth; episodes in which the teacher says nothing do not count.
 """
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from common.records.course import NONE, Course
 from common.rules.imitate import ImitationConfig, Settings
 from services.learner.algorithms.ppo import check_finite
-from services.learner.experience import Experience, ExperienceReplay, WithReplay
+from services.learner.experience import Counting, Experience, ExperienceReplay
 from services.learner.learning import Learning, Trainer
 from services.learner.policy_training import Policy, PolicyTrainer, build_network
 from services.learner.sparse import sparse_rows
 
 METRICS = ("cross_entropy", "value_loss", "agreement", "gradient_norm")
 LEAST_RATE = 0.01  # of the learning rate
-EPISODES = "episodes"  # the name of their number in a state
 
 
-class Imitation(WithReplay):
+class Imitation(Counting):
     """Updates on batches from the replay after every episode."""
 
     def __init__(self, config: ImitationConfig, episodes: int, network: Policy, replay: ExperienceReplay) -> None:
         """`episodes` are those of the run."""
-        super().__init__(replay)
+        super().__init__(replay, episodes)
         self._config = config
         self._network = network
-        self._of, self._episodes = episodes, 0
 
     def learn(self, new: Experience) -> list[dict[str, float]]:
         """Learn from decisions, their actions being the teacher's.
@@ -52,26 +46,17 @@ class Imitation(WithReplay):
             FloatingPointError: the loss is not finite; the network is as it was before this update.
         """
         self._replay.add(new)
-        rate = self._config.learning_rate * max(LEAST_RATE, 1 - self._episodes / self._of)
-        self._episodes += 1
+        rate = self._config.learning_rate * max(LEAST_RATE, 1 - self._progress)
+        self._count()
         if len(self._replay) < self._config.batch_size:
             return []
         return [self._update(rate) for _ in range(self._config.updates)]
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        return self._replay.state() | {EPISODES: np.array(self._episodes, np.int64)}
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        if EPISODES not in state:
-            raise ValueError(f"tensor {EPISODES} is missing: this state is of another rule")
-        self._replay.restore({name: array for name, array in state.items() if name != EPISODES})
-        self._episodes = int(state[EPISODES])
 
     def _update(self, rate: float) -> dict[str, float]:
         batch, _ = self._replay.sample(self._config.batch_size)
         x = sparse_rows(batch.observation_tm1)
         *numbers, loss = self._network.clone(self._config.value_weight, rate, x, batch).tolist()
-        check_finite(loss)
+        check_finite(loss, "imitation.learning_rate")
         return dict(zip(METRICS, numbers, strict=True))
 
 

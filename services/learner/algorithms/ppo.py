@@ -8,9 +8,10 @@ Deviations, all of them the study's own text unless said otherwise:
 - Advantages are Monte Carlo returns less the value of the critic as it is at each epoch, not as it was when acting; no
   generalised advantage estimate, no minibatches. Returns are scaled, see `services.learner.returns`.
 - The gradients of actor and critic, two networks that share nothing, are clipped each.
-- Ours: the actor's advantages are standardised over the batch, a common detail (Engstrom et al. 2020). As returns are
-  scaled to [-1, 0], they would weigh little beside the entropy bonus otherwise; and while the critic lags behind,
-  which it does after each good or bad episode, all actions of an episode would be praised or blamed together.
+- Ours: the actor's advantages are standardised over the batch, a common detail (Engstrom et al. 2020), unless
+  `ppo.advantages` is `plain`. As returns are scaled to [-1, 0], they would weigh little beside the entropy bonus
+  otherwise; and while the critic lags behind, which it does after each good or bad episode, all actions of an episode
+  would be praised or blamed together.
 - Ours: a run that begins with a policy may be held to it: `anchor_weight` times KL(policy || that policy), over the
   actions that were allowed, is added to the loss.
 - Ours: means are over decisions; the text counts the masked steps between them with a loss of zero.
@@ -61,10 +62,10 @@ class Ppo:
         return [dict(zip(METRICS, numbers, strict=True)) for *numbers, _ in steps.tolist()]
 
 
-def check_finite(loss: float) -> None:
-    """Raises FloatingPointError for a loss that is not a number or infinite."""
+def check_finite(loss: float, rate: str = "ppo.learning_rate") -> None:
+    """Raises FloatingPointError for a loss that is not a number or infinite; `rate` is the setting to lower."""
     if not math.isfinite(loss):
-        raise FloatingPointError(f"the loss is {loss}: training has diverged, lower ppo.learning_rate")
+        raise FloatingPointError(f"the loss is {loss}: training has diverged, lower {rate}")
 
 
 class WholeEpisodes:

@@ -6,7 +6,8 @@ A decision is taught if its return exceeds the critic's value, in proportion to 
 its priority in the replay: first with the value when it was made, then with that of the last batch it was in.
 
 What the text leaves open:
-- Returns here take a train that the step limit stopped as one that never arrives. Imitation rests on returns being less
+- Returns here take a train that the step limit stopped as one that never arrives (`sil.returns: bootstrapped` takes
+  those of `ppo`'s updates instead, as the text's one R for both may mean). Imitation rests on returns being less
   than the best policy's values (section 3.2 of Oh et al., who have no step limit); the critic's guess of what follows
   is not, and an early, hopeful one would stay in the replay and be imitated, with all that led to being stuck.
 - Means are over the whole batch; decisions that did not turn out well count as zeros.
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 
 from common.rules.sil import Settings, SilConfig
 from services.learner.algorithms.ppo import WholeEpisodes, check_finite
-from services.learner.experience import Experience, ExperienceReplay, WithReplay
+from services.learner.experience import Counting, Experience, ExperienceReplay
 from services.learner.learning import Learning, Trainer
 from services.learner.policy_training import Policy, PolicyTrainer, build_network
 from services.learner.sparse import SparseRows, sparse_rows
@@ -58,25 +59,35 @@ class Sil:
         return dict(zip(METRICS, numbers[:-1].tolist(), strict=True)), gains
 
 
-class SelfImitation(WithReplay):
+class SelfImitation(Counting):
     """`ppo`'s epochs on the whole episode, then epochs on prioritised batches of all episodes."""
 
-    def __init__(self, config: SilConfig, on_policy: WholeEpisodes, sil: Sil, replay: ExperienceReplay) -> None:
-        super().__init__(replay)
+    def __init__(
+        self, config: SilConfig, episodes: int, on_policy: WholeEpisodes, sil: Sil, replay: ExperienceReplay
+    ) -> None:
+        """`episodes` are those of the run."""
+        super().__init__(replay, episodes)
         self._config = config
         self._on_policy = on_policy
         self._sil = sil
 
     def learn(self, new: Experience) -> list[dict[str, float]]:
         rows = self._on_policy.learn(new)
-        self._replay.add(new, _priorities(new.least_return_t - new.value_tm1))
-        if len(self._replay) < self._config.batch_size:
-            return rows
-        return rows + [self._imitate() for _ in range(self._config.epochs)]
+        kept = self._with_returns(new)
+        self._replay.add(kept, _priorities(kept.least_return_t - kept.value_tm1))
+        if len(self._replay) >= self._config.batch_size:
+            rows += [self._imitate() for _ in range(self._config.epochs)]
+        self._count()
+        return rows
 
     def remember(self, shown: Experience, least: float) -> None:
         """Take in a demonstration, whose decisions are better at first than the `least` value of all, by far."""
-        self._replay.add(shown, _priorities(shown.least_return_t - np.float32(least)))
+        kept = self._with_returns(shown)
+        self._replay.add(kept, _priorities(kept.least_return_t - np.float32(least)))
+
+    def _with_returns(self, new: Experience) -> Experience:
+        """Decisions whose returns for imitation are those of the settings."""
+        return new if self._config.returns == "least" else new._replace(least_return_t=new.return_t)
 
     def _imitate(self) -> dict[str, float]:
         batch, places = self._replay.sample(self._config.batch_size)
@@ -96,7 +107,7 @@ def build(learning: Learning[Settings]) -> Trainer:
     network = build_network(learning, settings.ppo.learning_rate, settings.ppo.max_gradient_norm)
     replay = ExperienceReplay(settings.replay, learning.n_features, learning.seed)
     on_policy = WholeEpisodes(settings.ppo, network)
-    rule = SelfImitation(settings.sil, on_policy, Sil(settings.sil, network), replay)
+    rule = SelfImitation(settings.sil, learning.episodes, on_policy, Sil(settings.sil, network), replay)
     trainer = PolicyTrainer(learning, network, rule)
     for course in learning.demonstrations:
         rule.remember(trainer.experience(course), learning.least_reward)

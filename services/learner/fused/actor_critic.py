@@ -85,6 +85,7 @@ def ppo(
     return_t: _Floats,
     log_probability_tm1: _Floats,
     value_tm1: _Floats,
+    standardises: bool,
     clip: float,
     value_weight: float,
     entropy_weight: float,
@@ -110,6 +111,7 @@ def ppo(
         return_t: [B].
         log_probability_tm1: [B].
         value_tm1: [B].
+        standardises: whether advantages are standardised over the batch.
         clip: epsilon.
         value_weight: of the critic's loss.
         entropy_weight: of the bonus.
@@ -139,7 +141,7 @@ def ppo(
         look(widths, arrays, x, rows, rooms)
         loss = ppo_loss(
             logits, worths, by_logits, by_worths, n_actions, action_tm1, allowed_tm1, return_t, log_probability_tm1,
-            value_tm1, clip, value_weight, entropy_weight, metrics[epoch],
+            value_tm1, standardises, clip, value_weight, entropy_weight, metrics[epoch],
         )  # fmt: skip
         if is_anchored:
             loss += anchor_loss(logits, by_logits, anchor, probabilities, n_actions, allowed_tm1, anchor_weight)

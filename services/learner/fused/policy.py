@@ -59,6 +59,7 @@ class FusedPolicy(Training):
             batch.return_t,
             batch.log_probability_tm1,
             batch.value_tm1,
+            config.advantages == "standardised",
             config.clip,
             config.value_weight,
             config.entropy_weight,

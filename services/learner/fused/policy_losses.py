@@ -50,7 +50,7 @@ def softmax(logits: _Floats, n_actions: int, allowed: int, probabilities: _Float
 
 @bare_kernel
 def spread(return_t: _Floats, values: _Floats) -> tuple[float, float]:
-    """The mean of returns [B] less values [B, 16], and their standard deviation."""
+    """The mean of returns [B] less values [B, 16], and their standard deviation and a little."""
     count = len(return_t)
     mean: Real = 0.0
     for row in range(count):
@@ -60,7 +60,7 @@ def spread(return_t: _Floats, values: _Floats) -> tuple[float, float]:
     for row in range(count):
         difference = np.float64(return_t[row]) - np.float64(values[row * WIDTH]) - mean
         variance += difference * difference
-    return float(mean), math.sqrt(variance / count)
+    return float(mean), math.sqrt(variance / count) + FLOOR
 
 
 @bare_kernel
@@ -75,6 +75,7 @@ def ppo_loss(
     return_t: _Floats,
     log_probability_tm1: _Floats,
     value_tm1: _Floats,
+    standardises: bool,
     clip: float,
     value_weight: float,
     entropy_weight: float,
@@ -93,6 +94,7 @@ def ppo_loss(
         return_t: [B].
         log_probability_tm1: [B], of the action when it was chosen.
         value_tm1: [B], when the action was chosen.
+        standardises: whether advantages are standardised over the batch.
         clip: epsilon.
         value_weight: of the critic's loss.
         entropy_weight: of the bonus.
@@ -100,7 +102,7 @@ def ppo_loss(
     """
     count, width = len(action_tm1), len(logits) // len(values) * WIDTH
     share = 1.0 / count
-    mean, deviation = spread(return_t, values)
+    mean, scale = spread(return_t, values) if standardises else (0.0, 1.0)
     policy_loss: Any = 0.0
     value_loss: Any = 0.0
     bonus: Any = 0.0
@@ -118,7 +120,7 @@ def ppo_loss(
         log_ratio = np.float64(z[chosen]) - log_total - np.float64(log_probability_tm1[row])
         ratio: Any = exp(log_ratio)
         value, target = np.float64(values[row * WIDTH]), np.float64(return_t[row])
-        advantage = (target - value - mean) / (deviation + FLOOR)
+        advantage = (target - value - mean) / scale
         free: Any = ratio * advantage
         held: Any = min(max(ratio, 1 - clip), 1 + clip) * advantage
         policy_loss -= min(free, held)

@@ -64,15 +64,26 @@ class Priorities:
             raise ValueError("a priority must be finite and at least 0, its place one of the replay")
         self._maximum = max(self._maximum, largest)
 
+    def temper(self, alpha: float) -> None:
+        """Have all priorities count with another exponent, which is less."""
+        if alpha != self._alpha:
+            raise_leaves(self._leaves, alpha / self._alpha)
+            self._add_up()
+            self._alpha = alpha
+
     def state(self, size: int) -> dict[str, NDArray[Any]]:
         """A copy of everything, for items at the first `size` places."""
         return {"priorities": self._leaves[:size].copy(), "priority_maximum": np.array(self._maximum)}
 
-    def restore(self, leaves: NDArray[np.float64], maximum: float) -> None:
-        """Take on a `state`."""
-        self._maximum = maximum
+    def restore(self, leaves: NDArray[np.float64], maximum: float, alpha: float) -> None:
+        """Take on a `state` that has this exponent."""
+        self._maximum, self._alpha = maximum, alpha
         self.tree[:] = 0
         self._leaves[: len(leaves)] = leaves
+        self._add_up()
+
+    def _add_up(self) -> None:
+        """All sums above the leaves."""
         level = len(self.tree) // 2
         while level > 1:
             self.tree[level // 2 : level] = self.tree[level : 2 * level : 2] + self.tree[level + 1 : 2 * level : 2]
@@ -107,6 +118,14 @@ def update(
             tree[node] = tree[2 * node] + tree[2 * node + 1]
         parents, level = parents // 2, level + 1
     return largest
+
+
+@bare_kernel
+def raise_leaves(leaves: NDArray[np.float64], exponent: float) -> None:
+    """Raise what is not zero to a power."""
+    for place in range(len(leaves)):
+        if leaves[place] > 0:
+            leaves[place] = power(leaves[place], exponent)
 
 
 @bare_kernel

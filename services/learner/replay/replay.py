@@ -66,7 +66,7 @@ class Replay:
 
         There is at least one of both.
         """
-        self._capacity = config.capacity
+        self._config, self._capacity = config, config.capacity
         self._n_features = n_features
         self._dtypes = {name: np.dtype(dtype) for name, dtype in columns.items()}
         if wrong := {name: str(dtype) for name, dtype in self._dtypes.items() if dtype not in NUMBERS}:
@@ -161,6 +161,11 @@ class Replay:
         if self._priorities:
             self._priorities.put(places, priorities)
 
+    def temper(self, progress: float) -> None:
+        """Have priorities count as they do after a share of the run, which is more than before."""
+        if self._priorities:
+            self._priorities.temper(self._exponent(progress))
+
     def histories(self, places: NDArray[np.int64], length: int) -> SparseRows:
         """The last rows of the trains whose items lie at `places` [B], up to these items; of the first row column.
 
@@ -194,8 +199,10 @@ class Replay:
             state |= self._priorities.state(size)
         return {**state, "cursor": np.array(self._added % self._capacity, np.int64)}
 
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def restore(self, state: Mapping[str, NDArray[Any]], progress: float = 0.0) -> None:
         """Take on a `state`: what is sampled and overwritten from here on is as in the ring that gave it.
+
+        `progress` is what that ring was last tempered with.
 
         Raises:
             ValueError: naming the tensor that is missing, unknown, of another dtype or shape, or out of range; then
@@ -212,7 +219,12 @@ class Replay:
         self._added = size if size < self._capacity else self._capacity + cursor
         self._rows.restore(words, ends, self._oldest)
         if self._priorities:
-            self._priorities.restore(state["priorities"], float(state["priority_maximum"]))
+            maximum = float(state["priority_maximum"])
+            self._priorities.restore(state["priorities"], maximum, self._exponent(progress))
+
+    def _exponent(self, progress: float) -> float:
+        """Of the priorities; 0 for none."""
+        return self._config.exponent(progress) if isinstance(self._config, PrioritizedReplay) else 0.0
 
     def _views(self, numbers: NDArray[np.uint32]) -> dict[str, NDArray[Any]]:
         """The columns of items' numbers, see `Items`."""

@@ -35,7 +35,8 @@ class PlainPolicy:
         return_t, before = torch.tensor(batch.return_t), torch.tensor(batch.log_probability_tm1)
         error = (return_t - value).detach()
         ratio = (log_probability(logits, torch.tensor(batch.action_tm1)) - before).exp()
-        surrogate = clipped_surrogate(ratio, standardised(error), self._ppo.clip).mean()
+        advantage = standardised(error) if self._ppo.advantages == "standardised" else error
+        surrogate = clipped_surrogate(ratio, advantage, self._ppo.clip).mean()
         value_loss = clipped_value_loss(value, torch.tensor(batch.value_tm1), return_t, self._ppo.clip).mean()
         bonus = entropy(logits).mean()
         return self._descend(-surrogate + self._ppo.value_weight * value_loss - self._ppo.entropy_weight * bonus)

@@ -82,7 +82,8 @@ class PolicyNetwork:
         error = (return_t - value).detach()
         log_ratio = log_probability(logits, action) - torch.tensor(batch.log_probability_tm1)
         ratio = log_ratio.exp()
-        policy_loss = -clipped_surrogate(ratio, standardised(error), config.clip).mean()
+        advantage = standardised(error) if config.advantages == "standardised" else error
+        policy_loss = -clipped_surrogate(ratio, advantage, config.clip).mean()
         value_loss = clipped_value_loss(value, torch.tensor(batch.value_tm1), return_t, config.clip).mean()
         bonus = entropy(logits).mean()
         loss = policy_loss + config.value_weight * value_loss - config.entropy_weight * bonus

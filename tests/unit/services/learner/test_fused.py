@@ -143,9 +143,15 @@ def assert_same_weights(weights, network):
 
 
 @settings(deadline=None, max_examples=25)
-@given(SHAPES, st.integers(4, 40), st.sampled_from([0.05, 1e9]), st.integers(0, 2**31))
-def test_ppo_has_the_gradients_of_autograd(shape, rows, limit, seed):
-    config = PpoConfig(learning_rate=1e-3, epochs=1, entropy_weight=0.1, max_gradient_norm=limit)
+@given(
+    SHAPES,
+    st.integers(4, 40),
+    st.sampled_from([0.05, 1e9]),
+    st.sampled_from(["standardised", "plain"]),
+    st.integers(0, 2**31),
+)
+def test_ppo_has_the_gradients_of_autograd(shape, rows, limit, advantages, seed):
+    config = PpoConfig(learning_rate=1e-3, epochs=1, advantages=advantages, entropy_weight=0.1, max_gradient_norm=limit)
     network, batch = actor_critic(*shape), experience(np.random.default_rng(seed), rows, *shape[1:])
     ours, plain = FusedPolicy(first_of(network), 1e-3, limit), PlainPolicy(copy.deepcopy(network).double(), config)
     Ppo(config, ours).update(sparse_rows(batch.observation_tm1), batch)

@@ -18,7 +18,7 @@ def make_trainer(rule, n_features=6, hidden=(16, 16), capacity=120, discount=0.9
         "ppor": {"ppo": ppo | {"batch_size": batch_size}, "replay": {"capacity": capacity}},
         "sil": {
             "ppo": ppo,
-            "replay": {"capacity": capacity, "beta": 0},
+            "replay": {"capacity": capacity, "beta": 0, "alpha_end": 0.2},
             "sil": {"epochs": 3, "batch_size": batch_size},
         },
     }

@@ -133,6 +133,14 @@ def test_an_update_by_hand():
     np.testing.assert_allclose(weights["critic.bias"], [-0.4], rtol=1e-5)
 
 
+def test_plain_advantages_by_hand():
+    config = PpoConfig(**SETTINGS, advantages="plain")
+    # 0.4 and -0.2 as they are: dL/dlogits is -(0.4 * (0.5, -0.5) - 0.2 * (-0.5, 0.5)) / 2 = (-0.15, 0.15).
+    metrics = update(config, make_network(config), batch_of([0, 1], [-0.1, -0.7]))
+    assert metrics["policy_loss"] == pytest.approx(-0.1)
+    assert metrics["gradient_norm"] == pytest.approx(math.sqrt(2 * 0.15**2 + 0.1**2), rel=1e-5)
+
+
 def test_a_forced_decision_says_nothing_of_the_policy():
     config = PpoConfig(**SETTINGS)
     network = make_network(config)

@@ -98,9 +98,29 @@ def test_updates_are_those_of_a_list(capacity, data):
     np.testing.assert_array_equal(priorities.tree, tree_of(state["priorities"]))  # no drift, to the bit
     other = Priorities(capacity, alpha=0.5)
     other.put(np.arange(capacity), np.full(capacity, 7.0))  # what was there before must not matter
-    other.restore(state["priorities"], float(state["priority_maximum"]))
+    other.restore(state["priorities"], float(state["priority_maximum"]), 0.5)
     np.testing.assert_array_equal(other.tree, priorities.tree)
     assert (other.largest, other.total) == (priorities.largest, priorities.total)
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(0, 1e6), min_size=1, max_size=20), st.lists(st.floats(0.1, 1), min_size=1, max_size=5))
+def test_a_falling_alpha_raises_what_is_there(given_priorities, alphas):
+    capacity, alphas = len(given_priorities) + 1, sorted(alphas, reverse=True)
+    priorities = Priorities(capacity, alphas[0])
+    priorities.put(np.arange(capacity - 1), np.array(given_priorities))
+    for alpha in alphas:
+        priorities.temper(alpha)
+    expected = [*((p + ADDED_TO_PRIORITY) ** alphas[-1] for p in given_priorities), 0]
+    state = priorities.state(capacity)
+    np.testing.assert_allclose(state["priorities"], expected, rtol=1e-12)
+    np.testing.assert_array_equal(priorities.tree, tree_of(state["priorities"]))
+    other = Priorities(capacity, alphas[0])
+    other.restore(state["priorities"], float(state["priority_maximum"]), alphas[-1])
+    for each in (priorities, other):
+        each.temper(0.05)
+        each.put(np.array([0]), np.array([3.0]))
+    np.testing.assert_array_equal(other.tree, priorities.tree)
 
 
 def test_alpha_by_hand():

@@ -47,11 +47,11 @@ class Drawn(ExperienceReplay):
         super().reprioritise(places, priorities)
 
 
-def make_rule(*, epochs=1, batch_size=2, value_weight=0.01):
+def make_rule(*, epochs=1, batch_size=2, value_weight=0.01, returns="least"):
     config = PpoConfig(**(SETTINGS | {"epochs": 1, "learning_rate": 1e-30}))  # ppo's epochs leave the network alone
     network, replay = make_network(config), Drawn(10)
-    sil = SilConfig(epochs=epochs, batch_size=batch_size, value_weight=value_weight)
-    return SelfImitation(sil, WholeEpisodes(config, network), Sil(sil, network), replay), network, replay
+    sil = SilConfig(epochs=epochs, batch_size=batch_size, value_weight=value_weight, returns=returns)
+    return SelfImitation(sil, 10, WholeEpisodes(config, network), Sil(sil, network), replay), network, replay
 
 
 def test_only_what_turned_out_well_is_drawn_and_imitated():
@@ -119,3 +119,11 @@ def test_what_a_stopped_train_might_still_have_got_is_not_imitated():
     assert replay.given[0] == pytest.approx([0, 0.1])
     assert sil["sil_gain"] == pytest.approx(0.1)
     assert sil["sil_value_loss"] == pytest.approx(0.005)
+
+
+def test_one_return_for_both_parts_is_the_critic_s_guess():
+    rule, _, replay = make_rule(value_weight=1.0, returns="bootstrapped")
+    hopeful = batch_of([0, 1], [-0.3, -0.3])._replace(least_return_t=np.array([-0.9, -0.9], np.float32))
+    _, sil = rule.learn(hopeful)
+    assert replay.given[0] == pytest.approx([0.2, 0.2])
+    assert sil["sil_gain"] == pytest.approx(0.2)

@@ -24,19 +24,20 @@ VARIANTS = {
     "dddqn": {},
     "classic double": {"double": True},
     "prioritized": {"replay": "prioritized"},
+    "prioritized less and less": {"replay": "prioritized", "alpha_end": 0.1},
     "drqn": {"kind": "recurrent"},
     "drqn prioritized": {"kind": "recurrent", "replay": "prioritized"},
 }
 
 
-def make_learning(kind="dueling", replay="uniform", n_features=6, hidden=(16, 16), capacity=200, **dqn):
+def make_learning(kind="dueling", replay="uniform", n_features=6, hidden=(16, 16), capacity=200, alpha_end=None, **dqn):
     settings = {"learning_rate": 0.001, "batch_size": 8, "learn_every_steps": 7, "target_tau": 0.01}
     if kind == "recurrent":
         settings["sequence_decisions"] = 4
     sections = {
         "network": {"hidden": hidden, "kind": kind},
         "dqn": settings | dqn,
-        "replay": {"kind": replay, "capacity": capacity},
+        "replay": {"kind": replay, "capacity": capacity} | ({} if alpha_end is None else {"alpha_end": alpha_end}),
     }
     return Learning(5, 20, settings_of(rule_of(kind)).model_validate(sections), n_features, 5)
 
@@ -175,6 +176,13 @@ def test_prioritised_errors_weigh_more_and_more_alike():
     betas = sorted(set(seen))
     np.testing.assert_allclose(betas[-20:], 0.4 + 0.6 * np.arange(20) / 20)
     assert seen == sorted(seen)
+
+
+def test_priorities_count_less_and_less():
+    trainer = make_trainer(replay="prioritized", alpha_end=0.0)
+    for number in range(20):
+        trainer.train(make_episode(number))
+    assert set(trainer.state()["replay/priorities"].tolist()) == {1.0}  # uniform after the last episode
 
 
 def test_a_state_holds_the_counters_as_integers():

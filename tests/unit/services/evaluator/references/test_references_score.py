@@ -4,17 +4,20 @@ import json
 
 import numpy as np
 import pytest
+from made_rails import scheduled
 
 from common.levels import files
+from common.levels.level import Malfunctions
 from common.levels.supply import LevelSupply
 from common.rail.compiled.world import CompiledWorld
 from common.requests import ORDERS, LevelChoice, ReferenceRequest
 from common.strict import ConfigError
 from services.evaluator.references.__main__ import score
-from services.evaluator.references.policies import reference_policy
+from services.evaluator.references.policies import INTERLOCKINGS, reference_policy
 from services.evaluator.runner import UnplayableLevelError, evaluate
 
 SUPPLY = LevelSupply()
+OFTEN = Malfunctions(0.05, 2, 6)
 
 
 def request(policy, draws=0, orders=ORDERS, **levels):
@@ -42,6 +45,18 @@ def test_every_difficulty_is_a_row_of_the_evaluation_levels(scored):
     levels = [SUPPLY.evaluation("hard", index) for index in range(3)]
     expected = evaluate(reference_policy("shortest-path", CompiledWorld(1, 7)), levels)
     assert document["rows"][2]["returns"] == expected.returns.tolist()
+
+
+@pytest.mark.parametrize("policy", INTERLOCKINGS)
+def test_behind_an_interlocking_trains_that_broke_down_are_bound(scored, tmp_path, policy):
+    """What they were granted they do before anything else, which only a world with the interlocking knows."""
+    levels = [scheduled(SUPPLY.evaluation("hard", index), malfunctions=OFTEN) for index in range(8)]
+    files.save(tmp_path / "levels.npz", {"any": levels})
+    returns = scored(policy, file=tmp_path / "levels.npz")["rows"][0]["returns"]
+    modes = (INTERLOCKINGS[policy], "off")
+    worlds = [CompiledWorld(1, 7, rules="stock", interlocking=mode) for mode in modes]
+    with_it, without = (evaluate(reference_policy(policy, world), levels).returns.tolist() for world in worlds)
+    assert returns == with_it != without
 
 
 def test_the_planner_tries_as_many_orders_as_are_asked_for_and_no_fewer_find_better_plans(scored):

@@ -1,13 +1,11 @@
-"""The planner that plans anew: what it takes on beyond the other one, and that it obeys an interlocking."""
+"""The planner that plans anew: what it takes on beyond the other one."""
 
 import numpy as np
-import pytest
 from made_rails import EAST, WEST, line, scheduled
 
 from common.levels.level import Malfunctions
 from common.levels.supply import LevelSupply
 from common.rail.compiled.world import CompiledWorld
-from common.rail.interlocking.signals import INTERLOCKINGS
 from common.rail.world import MOVE_LEFT, MOVE_RIGHT
 from services.evaluator.references.policies import reference_policy
 
@@ -45,10 +43,8 @@ def test_draws_are_those_of_seed_and_number():
     assert len(first) != len(other) or (first != other).any()
 
 
-@pytest.mark.parametrize("interlocking", INTERLOCKINGS)
-def test_no_action_is_one_that_rails_do_not_have(interlocking):
-    level, world = LevelSupply().evaluation("medium", 0), CompiledWorld(1, 5, interlocking=interlocking)
-    world.load(0, level)
+def test_trains_turn_where_rails_do():
+    level, world = LevelSupply().evaluation("medium", 0), CompiledWorld(1, 5)
     course = reference_policy("planner-replanned", world, orders=1)(0, level)
     assert (course.arrived_at >= 0).all()
     assert {MOVE_LEFT, MOVE_RIGHT} < set(course.decisions.actions.tolist())

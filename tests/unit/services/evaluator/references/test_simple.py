@@ -14,7 +14,7 @@ from common.records.acting import digest_of
 from common.rules.settings import NetworkConfig
 from common.seeding import stream_key
 from common.world import study_world
-from services.evaluator.references.policies import reference_policy
+from services.evaluator.references.policies import INTERLOCKINGS, reference_policy
 from services.evaluator.references.simple import with_one_train
 
 EAST, WEST = 1, 3
@@ -37,7 +37,8 @@ def line(*trains, max_steps=20):
 
 
 def played(name, level, index=0, **options):
-    return reference_policy(name, CompiledWorld(1, level.n_trains), **options)(index, level)
+    world = CompiledWorld(1, level.n_trains, interlocking=INTERLOCKINGS.get(name, "off"))
+    return reference_policy(name, world, **options)(index, level)
 
 
 def test_random_trains_act_as_a_network_that_only_explores(write_checkpoint, tmp_path):
