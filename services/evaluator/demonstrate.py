@@ -94,7 +94,7 @@ class Demonstrating:
         self.told = f"{self._saved.config.algorithm} after {self._saved.episode} episodes, {self._mode}"
 
     def play(self, name: str, episode: int, level: Level) -> Course:
-        """An episode on a level of a distribution; its labels are the actions.
+        """An episode on a level of a distribution.
 
         Raises:
             UnplayableLevelError: the policy, or the world, cannot play it.
@@ -102,11 +102,9 @@ class Demonstrating:
         if name not in self._players:
             self._players[name] = self._player(name)
         try:
-            course = self._players[name](episode, level, training_malfunction_seed(self._config.seed, episode))
+            return self._players[name](episode, level, training_malfunction_seed(self._config.seed, episode))
         except (ValueError, MemoryError) as error:
             raise UnplayableLevelError(f"episode {episode}, on {name}: {error}") from error
-        labelled = course.decisions.model_copy(update={"labels": course.decisions.actions})
-        return course.model_copy(update={"decisions": labelled})
 
     def _player(self, name: str) -> Play:
         world, request, seed = self._config.world, self._request, self._config.seed

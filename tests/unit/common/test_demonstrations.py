@@ -84,7 +84,6 @@ def test_an_unknown_key_of_the_first_line_is_refused(path):
     [
         (course(first_step=1), "is not whole"),
         (course().model_copy(update={"over": False}), "is not whole"),
-        (course(labels=(2, -1)), "has labels that are not its actions"),
     ],
 )
 def test_what_is_no_demonstration_is_refused(tmp_path, odd, text):
