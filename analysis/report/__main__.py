@@ -1,4 +1,7 @@
-"""python -m analysis.report --study FOLDER | --run FOLDER ...: how it answers: see `common.task`."""
+"""python -m analysis.report --study FOLDER | --results FILE | --run FOLDER ...: how it answers: see `common.task`.
+
+What is published has the results in a file, from which the rest of the folder can be made anew, and no PNG.
+"""
 
 import argparse
 from collections import Counter
@@ -7,10 +10,12 @@ from pathlib import Path
 from matplotlib import rc_context
 
 from analysis.reliability import CurvesError
+from analysis.report import archive
 from analysis.report.contents import STAGES, contents
 from analysis.report.figures.style import SETTINGS
-from analysis.report.files import write
+from analysis.report.files import write, write_png
 from analysis.report.loading import DamagedEvaluation, load_runs, load_study
+from analysis.report.results import Results
 from analysis.study import StudyFolder
 from common.rows import DamagedRows
 from common.strict import ConfigError
@@ -19,20 +24,30 @@ from common.task import Teller, carry_out, say
 
 def report(options: argparse.Namespace) -> None:
     """Read, compute, draw, write, and say where."""
-    study = StudyFolder(options.study) if options.study else None
-    results = load_study(study) if study else load_runs(options.run)
-    folder = options.output or (study or StudyFolder(Path())).report
+    folder = options.publish or options.output or StudyFolder(options.study or Path()).report
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"--output {folder}: {error.strerror}: give a folder that can be made") from None
+    results = _found(options)
     with rc_context(SETTINGS):
         computing, drawing = Teller("computing"), Teller("drawing")
         sections, judged = contents(results, lambda done: computing.tell(done, STAGES))
         path = write(folder, results, sections, judged, drawing.tell)
+        if not (options.results or options.publish):
+            write_png(folder, sections, Teller("drawing as PNG").tell)
     parts = Counter(type(part).__name__ for section in sections for part in section.parts)
     states = Counter(trained.state for trained in results.runs.values())
     say({"report": str(path), "figures": parts["Figure"], "tables": parts["Table"], "runs": dict(states)})
+
+
+def _found(options: argparse.Namespace) -> Results:
+    if options.publish:
+        archive.save(options.publish / archive.FILE, load_study(StudyFolder(options.study)))
+        return archive.load(options.publish / archive.FILE)
+    if options.study:
+        return load_study(StudyFolder(options.study))
+    return archive.load(options.results) if options.results else load_runs(options.run)
 
 
 def parsed(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -40,7 +55,9 @@ def parsed(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Makes the report on a study, or on runs.")
     about = parser.add_mutually_exclusive_group(required=True)
     about.add_argument("--study", type=Path, help="a study's folder")
+    about.add_argument("--results", type=Path, help="a file of railctl study publish")
     about.add_argument("--run", type=Path, action="append", help="a run's folder; may be repeated")
+    parser.add_argument("--publish", type=Path, help="keep a study's results in this folder, with the report on them")
     parser.add_argument("--output", type=Path, help="default: report in the study's folder, or here")
     return parser.parse_args(arguments)
 

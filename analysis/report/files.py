@@ -21,15 +21,14 @@ def write(
     judged: dict[str, Any] | None,
     tell: Callable[[int, int], None],
 ) -> Path:
-    """Write every figure as PNG and SVG, every table as CSV, all numbers as `report.json`, and the page."""
-    figures = [part for section in sections for part in section.parts if isinstance(part, Figure)]
+    """Write every figure as SVG, every table as CSV, all numbers as `report.json`, and the page."""
+    figures = _figures(sections)
     tables = [part for section in sections for part in section.parts if isinstance(part, Table)]
     images = {}
     for done, figure in enumerate(figures):
         tell(done, len(figures))
         images[figure.name] = image(figure.drawing, "svg")
         (folder / f"{figure.name}.svg").write_bytes(images[figure.name])
-        (folder / f"{figure.name}.png").write_bytes(image(figure.drawing, "png"))
     tell(len(figures), len(figures))
     for table in tables:
         (folder / f"{table.name}.csv").write_text(table.csv())
@@ -38,6 +37,19 @@ def write(
     path = folder / "report.html"
     write_atomically(path, page(results.title, sections, images))
     return path
+
+
+def write_png(folder: Path, sections: Sequence[Section], tell: Callable[[int, int], None]) -> None:
+    """Write every figure as PNG, for where SVG is not taken."""
+    figures = _figures(sections)
+    for done, figure in enumerate(figures):
+        tell(done, len(figures))
+        (folder / f"{figure.name}.png").write_bytes(image(figure.drawing, "png"))
+    tell(len(figures), len(figures))
+
+
+def _figures(sections: Sequence[Section]) -> list[Figure]:
+    return [part for section in sections for part in section.parts if isinstance(part, Figure)]
 
 
 def numbers(

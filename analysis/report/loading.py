@@ -61,6 +61,13 @@ def load_study(folder: StudyFolder) -> Results:
         for level in study.levels
         for policy in study.references
     }
+    return results_of(study, runs, references)
+
+
+def results_of(
+    study: Study, runs: dict[PlannedRun, Trained], references: dict[tuple[str, str], Scored | None]
+) -> Results:
+    """The results of a study."""
     return Results(
         title=study.name,
         contenders=tuple(contender.name for contender in study.contenders),

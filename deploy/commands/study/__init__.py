@@ -23,5 +23,9 @@ app = group(
             "deploy.commands.study.report:report",
             "Make a study's report anew, of whatever has been done of it.",
         ),
+        "publish": Verb(
+            "deploy.commands.study.publish:publish",
+            "Keep a study's results and the report on them in a small folder, which needs no runs.",
+        ),
     },
 )

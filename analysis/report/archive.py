@@ -1,0 +1,117 @@
+"""A study's results in one small file, from which its report can be made anew without its runs.
+
+JSON, compressed by xz: the study, every run with its resolved configuration, what its learner computed with, when it
+was trained, its curve and its final score, and the scores of the reference policies.
+"""
+
+import json
+import lzma
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from analysis.report.loading import results_of
+from analysis.report.results import Results, Scored, State, Trained
+from analysis.study import PlannedRun, Study, planned_runs
+from common.config import parse_config
+from common.folder import write_atomically
+from common.strict import ConfigError, Strict, describe
+
+FILE: Final = "results.json.xz"
+
+
+class _Run(Strict):
+    """A run, and the level that it was trained on."""
+
+    run: PlannedRun
+    state: State
+    reason: str
+    config: dict[str, Any] | None
+    returns: tuple[float, ...]
+    unix_s: tuple[float, float] | None
+    arithmetic: dict[str, str]
+    scored: Scored | None
+
+
+class _Reference(Strict):
+    policy: str
+    level: str
+    scored: Scored
+
+
+class _Archive(Strict):
+    format: Literal["railctl results"] = "railctl results"
+    version: Literal[1] = 1
+    study: Study
+    runs: tuple[_Run, ...] = Field(min_length=1)
+    references: tuple[_Reference, ...]
+
+
+def save(path: Path, results: Results) -> None:
+    """Write the results of a study.
+
+    Raises:
+        ConfigError: they are of runs that belong to no study.
+    """
+    if results.study is None:
+        raise ConfigError(f"{results.title}: only results of a study are kept in a file")
+    archive = _Archive(
+        study=results.study,
+        runs=tuple(_packed(run, trained) for run, trained in results.runs.items()),
+        references=tuple(
+            _Reference(policy=policy, level=level, scored=scored)
+            for (policy, level), scored in results.references.items()
+            if scored is not None
+        ),
+    )
+    write_atomically(path, lzma.compress(archive.model_dump_json().encode(), preset=9))
+
+
+def load(path: Path) -> Results:
+    """What `save` wrote.
+
+    Raises:
+        ConfigError: the file cannot be read, or holds something else.
+    """
+    try:
+        archive = _Archive.model_validate(json.loads(lzma.decompress(path.read_bytes())))
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}: give a file that railctl study publish wrote") from None
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {describe(error, _Archive)}") from None
+    except (lzma.LZMAError, ValueError):
+        raise ConfigError(f"{path}: damaged, or no results: give a file that railctl study publish wrote") from None
+    study = archive.study
+    found = {packed.run: _unpacked(packed) for packed in archive.runs}
+    scored = {(reference.policy, reference.level): reference.scored for reference in archive.references}
+    references = {
+        (str(policy), level): scored.get((policy, level)) for level in study.levels for policy in study.references
+    }
+    return results_of(study, {run: found.get(run, Trained()) for run in planned_runs(study)}, references)
+
+
+def _packed(run: PlannedRun, trained: Trained) -> _Run:
+    return _Run(
+        run=run,
+        state=trained.state,
+        reason=trained.reason,
+        config=None if trained.config is None else trained.config.plain(),
+        returns=tuple(trained.returns.tolist()),
+        unix_s=trained.unix_s,
+        arithmetic=dict(trained.arithmetic),
+        scored=trained.scored,
+    )
+
+
+def _unpacked(packed: _Run) -> Trained:
+    return Trained(
+        state=packed.state,
+        reason=packed.reason,
+        config=None if packed.config is None else parse_config(packed.config),
+        returns=np.array(packed.returns),
+        unix_s=packed.unix_s,
+        arithmetic=tuple(sorted(packed.arithmetic.items())),
+        scored=packed.scored,
+    )
