@@ -22,11 +22,14 @@ class PpoConfig(Strict):
     """Proximal policy optimisation (Schulman et al. 2017), its critic clipped as well.
 
     Attributes:
+        returns: `scaled` by 1 - discount, ours; `standardised` over the episode, another reading of the study's
+            "normalizing the returns" (section 4.3).
         advantages: `plain`: returns less values, as in the study's Algorithm 3; `standardised`: over the batch, ours.
     """
 
     learning_rate: Positive
     epochs: int = Field(ge=1, le=1000)  # updates an episode
+    returns: Literal["scaled", "standardised"] = "scaled"
     advantages: Literal["standardised", "plain"] = "standardised"
     clip: Positive = 0.2  # of the ratio of probabilities, and of the change of a value
     value_weight: float = Field(default=0.5, ge=0, allow_inf_nan=False)
@@ -47,6 +50,11 @@ class ActorCriticSettings(RuleSettings):
     def learns_with_torch(self) -> bool:
         return self.brings_module or self.network.kind == "exits"
 
+    @property
+    def standardises_returns(self) -> bool:
+        """Whether returns are standardised over the episode, instead of scaled."""
+        return False
+
 
 class PolicySettings(ActorCriticSettings):
     """The settings of a rule that makes clipped updates."""
@@ -65,3 +73,7 @@ class PolicySettings(ActorCriticSettings):
     @property
     def begins_with(self) -> StartFrom | None:
         return self.start_from
+
+    @property
+    def standardises_returns(self) -> bool:
+        return self.ppo.returns == "standardised"

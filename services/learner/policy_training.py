@@ -17,7 +17,7 @@ from common.rules.policies import ActorCriticSettings, PpoConfig
 from services.learner.experience import Experience
 from services.learner.fused.policy import FusedPolicy, Imitation
 from services.learner.learning import Learning, by_part, means
-from services.learner.returns import decision_returns
+from services.learner.returns import decision_returns, standardised
 from services.learner.sparse import SparseRows, sparse_rows
 
 
@@ -105,6 +105,7 @@ class PolicyTrainer:
         self._least_reward = learning.least_reward
         self._network = network
         self._rule = rule
+        self._standardises = learning.settings.standardises_returns
 
     def train(self, fragment: Fragment) -> dict[str, float]:
         """Learn from a whole episode, whose order `check_order` has passed.
@@ -165,14 +166,19 @@ class PolicyTrainer:
 
     def experience(self, course: Course) -> Experience:
         """What there is to learn from the decisions of a whole episode."""
-        values = self._network.values(sparse_rows(_own(course.final_observations)))
-        least, decisions = np.full_like(values, self._least_reward), course.decisions
+        following, decisions = self._network.values(sparse_rows(_own(course.final_observations))), course.decisions
+        if self._standardises:
+            following *= np.float32(1 - self._discount)
+        returns = decision_returns(course, following, self._discount)
+        least = decision_returns(course, np.full_like(following, self._least_reward), self._discount)
+        if self._standardises:
+            returns, least = standardised(returns, returns), standardised(least, returns)
         return Experience(
             observation_tm1=_own(decisions.observations),
             action_tm1=decisions.actions.astype(np.int64),
             allowed_tm1=decisions.allowed.astype(np.int64),
-            return_t=decision_returns(course, values, self._discount),
-            least_return_t=decision_returns(course, least, self._discount),
+            return_t=returns,
+            least_return_t=least,
             log_probability_tm1=_own(decisions.log_probabilities),
             value_tm1=_own(decisions.values),
         )

@@ -9,15 +9,21 @@ a train follows the rails and nothing is decided or trained on. What the text le
   arrival and leave it out.)
 - "Normalizing the Returns" here is a fixed scale, 1 - gamma. Rewards of -1 a step then give returns in [-1, 0],
   whatever the episode and the policy: returns in a replay never grow stale, one of another episode can be compared with
-  a value, and bootstrapping needs no way back. Returns standardised by episode would call the best decision of a bad
-  episode a good one, which is what self-imitation must not do.
+  a value, and bootstrapping needs no way back. Returns standardised by episode call the best decision of a bad episode
+  a good one, which is what self-imitation must not do. With `ppo.returns: standardised` they are what is learned from;
+  what follows the last step is then the critic's word as it is, a standardised return for one of steps.
 """
+
+import math
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.kernel import bare_kernel
 from common.records.course import Course
+
+SMALL: Final = 1e-8
 
 
 def decision_returns(course: Course, final_values: NDArray[np.float32], discount: float) -> NDArray[np.float32]:
@@ -36,6 +42,29 @@ def decision_returns(course: Course, final_values: NDArray[np.float32], discount
     accumulate(np.ascontiguousarray(course.rewards), following, discount, returns)
     decided: NDArray[np.float32] = returns[course.decisions.times, course.decisions.trains]
     return decided
+
+
+def standardised(returns: NDArray[np.float32], by: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Returns [D] less the mean of `by` [D], over its standard deviation and a little."""
+    standard = np.empty_like(returns)
+    standardise(returns, by, standard)
+    return standard
+
+
+@bare_kernel
+def standardise(returns: NDArray[np.float32], by: NDArray[np.float32], standard: NDArray[np.float32]) -> None:
+    """Fill `standard` [D]; see `standardised`."""
+    count = max(1, len(by))
+    total: Any = 0.0
+    for value in by:
+        total += np.float64(value)
+    mean = total / count
+    squares: Any = 0.0
+    for value in by:
+        squares += (np.float64(value) - mean) * (np.float64(value) - mean)
+    scale = math.sqrt(squares / count) + SMALL
+    for place in range(len(returns)):
+        standard[place] = (np.float64(returns[place]) - mean) / scale
 
 
 @bare_kernel

@@ -7,12 +7,14 @@ from test_training import weights_hash
 
 from common.rules import settings_of
 from services.learner.learning import Learning, build_trainer
+from services.learner.returns import standardised
+from services.learner.sparse import sparse_rows
 
 RULES = ("ppo", "ppor", "sil")
 
 
-def make_trainer(rule, n_features=6, hidden=(16, 16), capacity=120, discount=0.99, batch_size=32):
-    ppo = {"learning_rate": 0.001, "epochs": 4}
+def make_trainer(rule, n_features=6, hidden=(16, 16), capacity=120, discount=0.99, batch_size=32, returns="scaled"):
+    ppo = {"learning_rate": 0.001, "epochs": 4, "returns": returns}
     sections = {
         "ppo": {"ppo": ppo},
         "ppor": {"ppo": ppo | {"batch_size": batch_size}, "replay": {"capacity": capacity}},
@@ -104,6 +106,33 @@ def test_a_truncated_train_is_worth_what_it_saw_last_and_an_arrived_one_is_not()
             hashes[arrived, seen] = weights_hash(trainer)
     assert hashes[-1, -0.1] != hashes[-1, -0.9]
     assert hashes[39, -0.1] == hashes[39, -0.9]
+
+
+def test_standardised_returns_by_hand():
+    returns = np.array([-0.5, -0.1, -0.3], np.float32)  # mean -0.3, deviation sqrt(0.08 / 3)
+    expected = np.array([-0.2, 0.2, 0]) / np.sqrt(0.08 / 3)
+    np.testing.assert_allclose(standardised(returns, returns), expected, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(standardised(returns - np.float32(0.2), returns)[1], 0, atol=1e-6)
+    assert standardised(returns[:1], returns[:1]).tolist() == [0]
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_returns_are_standardised_over_the_episode(rule):
+    """With the critic's word, which is of standardised returns, as one of steps where the limit stops a train."""
+    trainer = make_trainer(rule, returns="standardised")
+    episode = make_policy_episode(1)
+    course = episode.course.model_copy(update={"arrived_at": np.array([5, -1, -1], np.int32)})
+    learned = trainer.experience(course)
+    discount, rewards = 0.99, course.rewards.astype(np.float64)
+    values = trainer._network.values(sparse_rows(course.final_observations))
+    total = np.where(course.arrived_at < 0, values, 0).astype(np.float64)
+    raw = np.empty(rewards.shape)
+    for step in range(len(rewards) - 1, -1, -1):
+        raw[step] = total = rewards[step] + discount * total
+    decided = raw[course.decisions.times, course.decisions.trains]
+    expected = (decided - decided.mean()) / decided.std()
+    np.testing.assert_allclose(learned.return_t, expected, rtol=1e-4, atol=1e-4)
+    assert (learned.least_return_t <= learned.return_t + 1e-3).all()
 
 
 def test_ppor_waits_for_a_batch():
