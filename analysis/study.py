@@ -8,6 +8,7 @@ A study lies in a folder:
     evaluations/NAME-LEVEL-SEED.json    the score of a run's last checkpoint, as `railctl evaluate --json` prints it
     references/POLICY-LEVEL.json        the score of a reference policy, likewise
     report/                             what is drawn and told of it
+    results.json.xz                     results of runs that were made elsewhere, see `analysis.report.archive`
 """
 
 import re
@@ -162,6 +163,10 @@ class StudyFolder:
     @property
     def report(self) -> Path:
         return self.path / "report"
+
+    @property
+    def results(self) -> Path:
+        return self.path / "results.json.xz"
 
     def run(self, run: PlannedRun) -> Path:
         return self.runs / run.name

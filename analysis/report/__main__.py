@@ -14,7 +14,7 @@ from analysis.report import archive
 from analysis.report.contents import STAGES, contents
 from analysis.report.figures.style import SETTINGS
 from analysis.report.files import write, write_png
-from analysis.report.loading import DamagedEvaluation, load_runs, load_study
+from analysis.report.loading import DamagedEvaluation, load_results, load_runs, load_study
 from analysis.report.results import Results
 from analysis.study import StudyFolder
 from common.rows import DamagedRows
@@ -43,11 +43,12 @@ def report(options: argparse.Namespace) -> None:
 
 def _found(options: argparse.Namespace) -> Results:
     if options.publish:
-        archive.save(options.publish / archive.FILE, load_study(StudyFolder(options.study)))
-        return archive.load(options.publish / archive.FILE)
+        published = StudyFolder(options.publish).results
+        archive.save(published, load_study(StudyFolder(options.study)))
+        return load_results(published)
     if options.study:
         return load_study(StudyFolder(options.study))
-    return archive.load(options.results) if options.results else load_runs(options.run)
+    return load_results(options.results) if options.results else load_runs(options.run)
 
 
 def parsed(arguments: list[str] | None = None) -> argparse.Namespace:

@@ -7,19 +7,35 @@ was trained, its curve and its final score, and the scores of the reference poli
 import json
 import lzma
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, ValidationError
 
-from analysis.report.loading import results_of
 from analysis.report.results import Results, Scored, State, Trained
-from analysis.study import PlannedRun, Study, planned_runs
+from analysis.study import PlannedRun, Study
 from common.config import parse_config
 from common.folder import write_atomically
 from common.strict import ConfigError, Strict, describe
 
-FILE: Final = "results.json.xz"
+
+class Archived(NamedTuple):
+    """What a file holds.
+
+    Attributes:
+        study: whose results these are.
+        runs: those that there are.
+        references: scores, by policy and level.
+    """
+
+    study: Study
+    runs: dict[PlannedRun, Trained]
+    references: dict[tuple[str, str], Scored]
+
+    @property
+    def done(self) -> frozenset[PlannedRun]:
+        """Runs of which nothing is left to do."""
+        return frozenset(run for run, trained in self.runs.items() if trained.state == "done" and trained.scored)
 
 
 class _Run(Strict):
@@ -59,7 +75,7 @@ def save(path: Path, results: Results) -> None:
         raise ConfigError(f"{results.title}: only results of a study are kept in a file")
     archive = _Archive(
         study=results.study,
-        runs=tuple(_packed(run, trained) for run, trained in results.runs.items()),
+        runs=tuple(_packed(run, trained) for run, trained in results.runs.items() if trained.state != "missing"),
         references=tuple(
             _Reference(policy=policy, level=level, scored=scored)
             for (policy, level), scored in results.references.items()
@@ -69,7 +85,7 @@ def save(path: Path, results: Results) -> None:
     write_atomically(path, lzma.compress(archive.model_dump_json().encode(), preset=9))
 
 
-def load(path: Path) -> Results:
+def load(path: Path) -> Archived:
     """What `save` wrote.
 
     Raises:
@@ -83,13 +99,11 @@ def load(path: Path) -> Results:
         raise ConfigError(f"{path}: {describe(error, _Archive)}") from None
     except (lzma.LZMAError, ValueError):
         raise ConfigError(f"{path}: damaged, or no results: give a file that railctl study publish wrote") from None
-    study = archive.study
-    found = {packed.run: _unpacked(packed) for packed in archive.runs}
-    scored = {(reference.policy, reference.level): reference.scored for reference in archive.references}
-    references = {
-        (str(policy), level): scored.get((policy, level)) for level in study.levels for policy in study.references
-    }
-    return results_of(study, {run: found.get(run, Trained()) for run in planned_runs(study)}, references)
+    return Archived(
+        archive.study,
+        {packed.run: _unpacked(packed) for packed in archive.runs},
+        {(reference.policy, reference.level): reference.scored for reference in archive.references},
+    )
 
 
 def _packed(run: PlannedRun, trained: Trained) -> _Run:

@@ -9,6 +9,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from analysis.report import archive
+from analysis.report.archive import Archived
 from analysis.report.results import Results, Scored, State, Trained
 from analysis.study import Judgement, PlannedRun, Study, StudyFolder, planned_runs, read_study
 from common import checkpoint
@@ -16,6 +18,7 @@ from common.checkpoint import CheckpointError
 from common.config import RunConfig
 from common.folder import RunFolder
 from common.records.rows import EpisodeRow, EvaluationRow
+from common.requests import Reference
 from common.rows import DamagedRows, read_rows
 from common.strict import ConfigError, flat
 
@@ -55,19 +58,34 @@ def load_study(folder: StudyFolder) -> Results:
         DamagedEvaluation: a final evaluation cannot be read.
     """
     study = read_study(folder.study_file)
-    runs = {run: _of_study(folder, run, study) for run in planned_runs(study)}
-    references: dict[tuple[str, str], Scored | None] = {
-        (policy, level): _scored(folder.reference(policy, level), level)
+    elsewhere = archive.load(folder.results) if folder.results.exists() else Archived(study, {}, {})
+    found = {run: elsewhere.runs[run] for run in elsewhere.done}
+    runs = {run: found.get(run) or _of_study(folder, run, study) for run in planned_runs(study)}
+    references = {
+        (policy, level): elsewhere.references.get((policy, level)) or _scored(folder.reference(policy, level), level)
         for level in study.levels
         for policy in study.references
     }
-    return results_of(study, runs, references)
+    return _of_runs_of(study, runs, references)
 
 
-def results_of(
-    study: Study, runs: dict[PlannedRun, Trained], references: dict[tuple[str, str], Scored | None]
+def load_results(path: Path) -> Results:
+    """All that a file of `archive` holds.
+
+    Raises:
+        ConfigError: it cannot be read.
+    """
+    study, runs, references = archive.load(path)
+    return _of_runs_of(
+        study,
+        {run: runs.get(run, Trained()) for run in planned_runs(study)},
+        {(policy, level): references.get((policy, level)) for level in study.levels for policy in study.references},
+    )
+
+
+def _of_runs_of(
+    study: Study, runs: dict[PlannedRun, Trained], references: Mapping[tuple[Reference, str], Scored | None]
 ) -> Results:
-    """The results of a study."""
     return Results(
         title=study.name,
         contenders=tuple(contender.name for contender in study.contenders),
@@ -77,7 +95,7 @@ def results_of(
         judgement=study.judgement,
         runs=runs,
         scored_by=f"the last network of every run, on levels of evaluation seed {study.evaluation.seed}",
-        references=references,
+        references={(str(policy), level): scored for (policy, level), scored in references.items()},
         study=study,
     )
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from analysis.report import archive
 from analysis.study import PlannedRun, Study, StudyFolder, planned_runs
 from common.folder import RunFolder
 from common.locks import holder
@@ -76,6 +77,11 @@ class Looking:
         self._folder = folder
         self._study = study
         self._done: dict[PlannedRun, RunProgress] = {}
+        self._scored: frozenset[tuple[str, str]] = frozenset()
+        if folder.results.exists():  # of runs that were made elsewhere
+            archived = archive.load(folder.results)
+            self._done = {run: RunProgress(run, "done", study.episodes) for run in archived.done}
+            self._scored = frozenset(archived.references)
 
     def look(self) -> StudyProgress:
         """The study as it is now."""
@@ -83,7 +89,7 @@ class Looking:
             self._study,
             [self._run(run) for run in planned_runs(self._study)],
             {
-                (policy, level): self._folder.reference(policy, level).exists()
+                (policy, level): (policy, level) in self._scored or self._folder.reference(policy, level).exists()
                 for policy in self._study.references
                 for level in self._study.levels
             },

@@ -38,6 +38,7 @@ from deploy.study.dispatcher import (
     Stop,
     StopAsked,
 )
+from deploy.study.progress import Looking, State
 from deploy.task import Task
 
 REPORTER = "analysis.report"
@@ -90,21 +91,24 @@ class Runner:
             stopping.wait(TICK_S)
 
     def _take_stock(self) -> None:
+        found = Looking(self._folder, self._study).look()
+        states = {progress.run: progress.state for progress in found.runs}
         for job in list(self.mind.states):
-            if self._is_done(job):
+            if self._is_done(job, states, found.references):
                 self.mind.on(Ended(job, "done"))
             elif isinstance(job, PlannedRun) and supervised(self._run(job)):
                 self.mind.on(Adopted(job))
 
-    def _is_done(self, job: Job) -> bool:
+    def _is_done(
+        self, job: Job, states: Mapping[PlannedRun, State], references: Mapping[tuple[str, str], bool]
+    ) -> bool:
         match job:
             case PlannedRun():
-                folder = self._run(job)
-                return outcome_of(folder)[0] == "finished" and not supervised(folder)
+                return states[job] in ("trained", "done") and not supervised(self._run(job))
             case Scoring():
-                return self._folder.evaluation(job.run).exists()
+                return states[job.run] == "done"
             case Comparing():
-                return self._folder.reference(job.policy, job.level).exists()
+                return references[job.policy, job.level]
             case Reporting():
                 return False
 

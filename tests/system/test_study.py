@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 from pathlib import Path
 
@@ -115,6 +116,28 @@ def test_a_study_comes_to_the_same_numbers_whatever_is_killed(clusters, describe
         assert "runs already" not in log
     assert not list(folder.runs.glob("*/snapshots/*"))  # runs that are over go nowhere
     assert "is finished" in clusters.railctl_here("up", "--name", "study-killed/runs/ppo-easy-3").stdout
+
+
+def test_what_was_done_elsewhere_is_not_done_again(clusters, described, left_alone, tmp_path):
+    """Of two runs one comes from a machine that is gone; the other is trained here, and both are reported on."""
+    elsewhere, published = folder_of(clusters, "study-elsewhere"), tmp_path / "published"
+    shutil.copytree(folder_of(clusters, "small").path, elsewhere.path)
+    shutil.rmtree(elsewhere.runs / "ppo-easy-3")
+    told = clusters.railctl("study", "publish", "study-elsewhere", "--output", str(published)).stdout
+    assert "of 1 of 2 runs; the others are not done" in told
+    run = ("study", "run", str(described), "--name", "study-here")
+    clusters.railctl(*run, "--from", str(published))
+    here = folder_of(clusters, "study-here")
+    assert [path.name for path in here.runs.iterdir()] == ["ppo-easy-3"]
+    assert not list(here.path.glob("references/*"))
+    assert "2 of 2 runs done, 24 of 24 episodes" in clusters.railctl_here("study", "status", "study-here").stdout
+    reports = [
+        json.loads((folder_of(clusters, name).report / "report.json").read_text()) for name in ("small", "study-here")
+    ]
+    assert reports[0]["runs"] == reports[1]["runs"]
+    assert reports[0]["tables"]["table-5.2"] == reports[1]["tables"]["table-5.2"]
+    refused = clusters.railctl_here("study", "run", "thesis-mini", "--from", str(published), code=1).stderr
+    assert "these are results of another study (small): leave it out" in refused
 
 
 @pytest.mark.slow

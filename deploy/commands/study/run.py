@@ -1,6 +1,14 @@
 """railctl study run: carry out a study, or go on with one."""
 
-from analysis.study import StudyFolder
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.report import archive
+from analysis.study import Study, StudyFolder
+from common.folder import write_atomically
+from common.strict import ConfigError
 from deploy.commands.study.options import Cores, OtherName, StudyName
 from deploy.output import console, one_line_errors, print_table
 from deploy.runs import Failed, runs_root
@@ -11,14 +19,24 @@ from deploy.study.work import alone, carry_out, cores_of
 
 
 @one_line_errors
-def run(name: StudyName, cores: Cores = None, other_name: OtherName = None) -> None:
+def run(
+    name: StudyName,
+    cores: Cores = None,
+    other_name: OtherName = None,
+    results: Annotated[
+        Path | None, typer.Option("--from", help="Results of railctl study publish: what is in them is not done again.")
+    ] = None,
+) -> None:
     """Train, evaluate and report on all that a study compares; killed or stopped at any time, it goes on from there."""
     used = cores_of(cores)
     study = named(find_study(name), other_name)
     configurations(study, used)
     folder = StudyFolder(runs_root() / study.name)
     goes_on = f"railctl study run {name}{f' --name {other_name}' if other_name else ''} goes on"
+    archived = None if results is None else _archived(results, study)
     save_study(folder, study)
+    if archived is not None:
+        write_atomically(folder.results, archived)
     with alone(folder):
         try:
             mind = carry_out(folder, study, used, console)
@@ -37,3 +55,16 @@ def run(name: StudyName, cores: Cores = None, other_name: OtherName = None) -> N
         raise Failed(f"{len(mind.failures)} of study {study.name} failed: {goes_on.replace('goes on', 'tries again')}")
     if mind.stopping:
         console.print(f"stopped; {goes_on}", markup=False, soft_wrap=True)
+
+
+def _archived(path: Path, study: Study) -> bytes:
+    """The content of a file of results, or of that in a folder.
+
+    Raises:
+        ConfigError: it cannot be read, or is of another study.
+    """
+    path = StudyFolder(path).results if path.is_dir() else path
+    theirs = archive.load(path).study
+    if theirs.model_copy(update={"name": study.name}) != study:
+        raise ConfigError(f"--from {path}: these are results of another study ({theirs.name}): leave it out")
+    return path.read_bytes()

@@ -8,14 +8,14 @@ import pytest
 
 from analysis.report import archive
 from analysis.report.__main__ import parsed, report
-from analysis.report.loading import load_study
+from analysis.report.loading import load_results, load_study
 from common.strict import ConfigError
 
 
 def test_nothing_is_lost(made, tmp_path):
-    results, path = load_study(made), tmp_path / archive.FILE
+    results, path = load_study(made), tmp_path / "results.json.xz"
     archive.save(path, results)
-    found = archive.load(path)
+    found = load_results(path)
     assert list(found.runs) == list(results.runs)
     for run, trained in results.runs.items():
         assert found.runs[run].returns.tobytes() == trained.returns.tobytes()
@@ -27,11 +27,11 @@ def test_nothing_is_lost(made, tmp_path):
 def test_what_is_published_is_the_report_of_the_study_and_can_be_made_anew(made, tmp_path):
     published, again = tmp_path / "results", tmp_path / "again"
     report(parsed(["--study", str(made.path), "--publish", str(published)]))
-    report(parsed(["--results", str(published / archive.FILE), "--output", str(again)]))
+    report(parsed(["--results", str(published / "results.json.xz"), "--output", str(again)]))
     files = sorted(path.name for path in published.iterdir())
     assert files == sorted(["results.json.xz", *(path.name for path in made.report.iterdir() if path.suffix != ".png")])
     for name in files:
-        if name != archive.FILE:
+        if name != "results.json.xz":
             assert (published / name).read_bytes() == (again / name).read_bytes() == (made.report / name).read_bytes()
 
 
