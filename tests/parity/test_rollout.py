@@ -61,12 +61,10 @@ def test_both_engines_play_the_same_episode(difficulty, kind):
 @pytest.mark.parametrize("difficulty", ["easy", "medium", "hard"])
 def test_both_engines_note_what_is_seen_one_step_later(difficulty):
     acting = Acting(twin_of("plain", seed=3), epsilon=0.3, key=77)
-    arrivals = again = 0
+    again = 0
     for seed in range(3):
         level = LevelSupply().training(difficulty, seed)
-        compiled, flatland = (
-            play(study_player(engine), level, acting._replace(following=True)) for engine in ENGINES
-        )
+        compiled, flatland = (play(study_player(engine), level, acting._replace(following=True)) for engine in ENGINES)
         assert same(compiled, flatland)
         plain = play(study_player("compiled"), level, acting)
         assert plain.decisions.following.shape == (len(plain.decisions), 0)
@@ -76,7 +74,6 @@ def test_both_engines_note_what_is_seen_one_step_later(difficulty):
         for (time, train), following in zip(found, compiled.decisions.following, strict=True):
             if compiled.arrived_at[train] == time:
                 expected = np.zeros_like(following)
-                arrivals += 1
             elif time + 1 == compiled.last_step:
                 expected = compiled.final_observations[train]
             elif (time + 1, train) in found:
