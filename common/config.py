@@ -100,6 +100,15 @@ class RunConfig(Strict):
         return self
 
     @model_validator(mode="after")
+    def _nothing_is_forbidden_on_a_following_step(self) -> Self:
+        if self.learning.learns_from_following and self.world.interlocking != "off":
+            raise ValueError(
+                f"interlocking {self.world.interlocking}: dqn.transitions step cannot say what it allows a train that "
+                "does not decide, make it off, or dqn.transitions span"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _fragments_are_serial(self) -> Self:
         if self.lag > 0 and self.learning.steps_a_fragment is not None:
             raise ValueError(f"lag {self.lag} needs whole episodes: add --set fragment_steps=null")

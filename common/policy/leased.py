@@ -24,6 +24,7 @@ class LeasePlayer:
         """`chooser` has to hold the weights that a lease names; `on_step` is called as by `Players`."""
         self._seed = config.seed
         self._teaching = config.learning.teaching
+        self._following = config.learning.learns_from_following
         self._levels = levels
         self._chooser = chooser
         self._players = Players(config, chooser, on_step)
@@ -38,7 +39,13 @@ class LeasePlayer:
     def act(self, lease: Lease) -> Course:
         """What happens under a lease."""
         states = self._stand_at(lease)
-        acting = Acting(self._chooser, lease.epsilon, self._key(lease.episode), teacher=self._teacher(lease.episode))
+        acting = Acting(
+            self._chooser,
+            lease.epsilon,
+            self._key(lease.episode),
+            teacher=self._teacher(lease.episode),
+            following=self._following,
+        )
         course = self._players.of(lease.level).advance(acting, states, lease.steps)
         self._stands_at = (lease.episode, course.last_step)
         return course

@@ -27,7 +27,8 @@ class Acting(NamedTuple):
     """How trains choose: a network, its exploration and the key of the episode's stream of exploration.
 
     Policies are sampled, action values taken epsilon-greedily, unless `greedy`. A teacher is asked for every decision;
-    policies do as it would with the probability `epsilon`.
+    policies do as it would with the probability `epsilon`. If they are wanted, the observations `following` each
+    decision are noted: those of its train one step later.
     """
 
     twin: Chooser
@@ -35,6 +36,7 @@ class Acting(NamedTuple):
     key: int = 0
     greedy: bool = False
     teacher: Teacher | None = None
+    following: bool = False
 
 
 class Player(Protocol):
@@ -147,4 +149,4 @@ class Stepped:
 
     def advance(self, acting: Acting, states: NDArray[np.float32], steps: int | None = None) -> Course:
         choose = acting.twin.in_episode(acting.epsilon, acting.key, states, greedy=acting.greedy)
-        return self._stage.advance(choose, states, steps, acting.teacher)
+        return self._stage.advance(choose, states, steps, acting.teacher, following=acting.following)

@@ -81,6 +81,22 @@ def tick(
 
 
 @kernel
+def look_ahead(parts: Parts, trains: NDArray[np.int32], following: NDArray[np.float32]) -> None:
+    """What trains of slot 0 see after the step on which they decided, [K, F]; zeros for those that have arrived."""
+    asking = np.zeros(parts.deciding.shape, np.bool_)
+    for train in trains:
+        asking[0, train] = not parts.arrived[0, train]
+    seen = np.empty((np.count_nonzero(asking), following.shape[1]), np.float32)
+    look(parts.batch, parts.sight, parts.observation, asking, seen)
+    following[:] = 0
+    row = 0
+    for at in range(len(trains)):
+        if asking[0, trains[at]]:
+            following[at] = seen[row]
+            row += 1
+
+
+@kernel
 def repeat(parts: Parts, actions: NDArray[np.int8], steps: int, arrived_at: NDArray[np.int32]) -> int:
     """Take the first `steps` of an episode with the actions [D] of its decisions, unseen; returns how many there were.
 
@@ -133,7 +149,8 @@ def run(
         teaching: a teacher, or one that says nothing: with None all of this would be compiled twice.
         first_step: steps of the episode before.
         last_step: where to stop if the episode goes on.
-        notes: `common.records.course.Columns` with room for at least N decisions; overwritten.
+        notes: `common.records.course.Columns` with room for at least N decisions; overwritten. If it has no room for
+            what follows them, nobody looks at it.
         rewards: [room, at least N], overwritten.
         arrived_at: [N], the step on which a train arrived, -1 for none; carried on.
 
@@ -177,6 +194,9 @@ def run(
                 notes.values[at] = outputs[rows[train], n_actions] if is_policy(header) else np.float32(0)
             decisions += asking
         tick(parts, doing, gained, step, arrived_at)
+        if asking and notes.following.shape[1]:
+            new = slice(decisions - asking, decisions)
+            look_ahead(parts, notes.trains[new], notes.following[new])
         for train in range(n_trains):
             rewards[step - first_step, train] = gained[0, train]
         step += 1
@@ -203,9 +223,9 @@ class Rollouts:
         self._level: Level | None = None
         self._step = 0
         self._arrived_at = np.zeros(0, np.int32)
-        n_features = self._world.n_features
         max_trains = world.max_trains
-        self._notes = columns(max(max_trains, room_bytes // (4 * n_features)), n_features)
+        self._room = max(max_trains, room_bytes // (4 * self._world.n_features))  # of decisions
+        self._notes = self._empty_notes(following=False)
         self._rewards = np.empty((room_steps, max_trains), np.float32)
         self._desk: Desk | None = None  # of a teacher
 
@@ -225,6 +245,8 @@ class Rollouts:
             raise ValueError("nothing to advance: begin an episode first")
         first_step, parts = self._step, self._world.parts()
         last_step = self._level.max_steps if steps is None else first_step + steps
+        if acting.following != bool(self._notes.following.shape[1]):
+            self._notes = self._empty_notes(following=acting.following)
         pieces = [self._piece(acting, parts, states, last_step)]
         while self._step < last_step and not parts.over[0]:
             pieces.append(self._piece(acting, parts, states, last_step))
@@ -246,6 +268,10 @@ class Rollouts:
     def _score(self) -> float | None:
         score = self._world.score(0)
         return None if np.isnan(score) else score
+
+    def _empty_notes(self, *, following: bool) -> Any:
+        n_features = self._world.n_features
+        return columns(self._room, n_features, n_features if following else 0)
 
     def _piece(
         self, acting: Acting, parts: Parts, states: NDArray[np.float32], last_step: int

@@ -54,14 +54,23 @@ class Stage:
             raise ValueError(f"{len(actions)} actions do not fit the first {steps} steps of this level")
 
     def advance(
-        self, choose: Choose, states: NDArray[np.float32], steps: int | None = None, teacher: Teacher | None = None
+        self,
+        choose: Choose,
+        states: NDArray[np.float32],
+        steps: int | None = None,
+        teacher: Teacher | None = None,
+        *,
+        following: bool = False,
     ) -> Course:
-        """Play on, to the end or for at most `steps`; `states` [N, S] are those that `choose` changes."""
+        """Play on, to the end or for at most `steps`; `states` [N, S] are those that `choose` changes.
+
+        Decisions are noted with what their trains see one step later if this `following` is wanted.
+        """
         level, first_step = self._level, self._step
         if level is None:
             raise ValueError("nothing to advance: begin an episode first")
         last_step = level.max_steps if steps is None else first_step + steps
-        observations, marks, allowed, chosen, labels, rewards = [], [], [], [], [], []
+        observations, marks, allowed, chosen, labels, rewards, later = [], [], [], [], [], [], []
         while self._step < last_step and not self._world.over()[0]:
             seen = {train: self._world.observe(0, train) for train in self._deciding()}
             made = self._ask(choose, seen, teacher)
@@ -73,6 +82,8 @@ class Stage:
                 chosen.append(decision)
                 labels.append(label)
             rewards.append(self._take({train: decision.action for train, (*_, decision) in made.items()}))
+            if following:
+                later += [self._sight(train) for train in seen]
         count = len(chosen)
         times, trains = np.array(marks, np.int32).reshape(count, 2).T.copy()
         taken = np.array(chosen).reshape(count, 3).T
@@ -85,6 +96,7 @@ class Stage:
             log_probabilities=taken[1].astype(np.float32),
             values=taken[2].astype(np.float32),
             labels=np.array(labels, np.int8),
+            following=np.array(later, np.float32).reshape(count, self._world.n_features if following else 0),
         )
         return Course(
             level_hash=level.content_hash,
@@ -131,12 +143,16 @@ class Stage:
         score = self._world.score(0) if self._world.over()[0] else np.nan
         return None if np.isnan(score) else float(score)
 
+    def _sight(self, train: int) -> NDArray[np.float32]:
+        """What a train sees; zeros once it has arrived."""
+        arrived = self._arrived_at[train] != NONE
+        return np.zeros(self._world.n_features, np.float32) if arrived else self._world.observe(0, train)
+
     def _look_back(self) -> NDArray[np.float32]:
-        final = np.zeros((len(self._arrived_at), self._world.n_features), np.float32)
+        n_trains = len(self._arrived_at)
         if self._world.over()[0]:
-            for train in np.flatnonzero(self._arrived_at == NONE).tolist():
-                final[train] = self._world.observe(0, train)
-        return final
+            return np.array([self._sight(train) for train in range(n_trains)])
+        return np.zeros((n_trains, self._world.n_features), np.float32)
 
     def _allowed_at_end(self) -> NDArray[np.uint8]:
         n_trains = len(self._arrived_at)

@@ -13,6 +13,7 @@ from common.records.base import Array, Count, Name, Record
 from common.records.course import Course, check_range
 
 PLAIN = {bool, int, float, str, NoneType}  # what is surely no record: to ask pydantic takes longer
+UNSAID_IF_EMPTY = "following"  # came last, and most runs do without: their digests are as they were before
 
 
 class Progressed(Record):
@@ -107,6 +108,8 @@ def _content(name: str, record: Record) -> list[bytes]:
     values = record.__dict__
     for field in record.names():
         path, value = f"{name}.{field}", values[field]
+        if field == UNSAID_IF_EMPTY and not value.size:
+            continue
         if type(value) is np.ndarray:
             content += [f"{path}:{value.dtype.str}{value.shape}".encode(), value.tobytes()]
         elif type(value) not in PLAIN and isinstance(value, Record):

@@ -25,6 +25,8 @@ class Decisions(Record):
         log_probabilities: [D], of the actions; zero for networks of action values.
         values: [D], of what was observed; zero for networks of action values.
         labels: [D], what a teacher would have done, NONE if it knows nothing better, or there is none.
+        following: [D, G], what their trains saw one step later, zeros once they have arrived; G is F where the run's
+            rule learns from it, else 0.
     """
 
     observations: Annotated[NDArray[np.float32], Array("float32", ("D", "F"))]
@@ -35,6 +37,7 @@ class Decisions(Record):
     log_probabilities: Annotated[NDArray[np.float32], Array("float32", ("D",))]
     values: Annotated[NDArray[np.float32], Array("float32", ("D",))]
     labels: Annotated[NDArray[np.int8], Array("int8", ("D",))]
+    following: Annotated[NDArray[np.float32], Array("float32", ("D", "G"))]
 
     def __len__(self) -> int:
         return len(self.times)
@@ -55,9 +58,9 @@ class Decisions(Record):
 Columns: Any = namedtuple("Columns", tuple(Decisions.model_fields))  # type: ignore[misc]  # noqa: PYI024
 
 
-def columns(room: int, n_features: int) -> Any:
+def columns(room: int, n_features: int, n_following: int) -> Any:
     """`Columns` with room for so many decisions."""
-    sizes = {"D": room, "F": n_features}
+    sizes = {"D": room, "F": n_features, "G": n_following}
     return Columns(
         **{
             name: np.empty([sizes[str(letter)] for letter in spec.dims or ()], spec.dtype)
@@ -109,6 +112,9 @@ class Course(Record):
             chosen = zip(self.decisions.actions.tolist(), self.decisions.allowed.tolist(), strict=True)
             if not all(bits >> action & 1 for action, bits in chosen):
                 raise ValueError("decisions.actions: one is not among those allowed")
+        features, following = self.decisions.observations.shape[1], self.decisions.following.shape[1]
+        if following not in (0, features):
+            raise ValueError(f"decisions.following: wants no features or {features}, got {following}")
         if not 1 <= steps <= self.max_steps - self.first_step or trains < 1:
             most = self.max_steps - self.first_step
             raise ValueError(f"rewards: wants 1..{most} steps of at least one train, got {steps} of {trains}")

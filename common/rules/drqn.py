@@ -1,8 +1,8 @@
 """Settings of the rule `drqn`."""
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from common.rules.settings import NetworkConfig
 from common.rules.values import DqnConfig, ValueSettings
@@ -25,3 +25,9 @@ class Settings(ValueSettings):
 
     network: RecurrentConfig = RecurrentConfig()
     dqn: RecurrentDqnConfig
+
+    @model_validator(mode="after")
+    def _sequences_are_of_decisions(self) -> Self:
+        if self.dqn.transitions == "step":
+            raise ValueError("dqn.transitions step: the sequences of drqn lead from decision to decision, make it span")
+        return self

@@ -68,6 +68,11 @@ class RuleSettings(Strict):
         return None
 
     @property
+    def learns_from_following(self) -> bool:
+        """Whether decisions are noted with what their trains see one step later."""
+        return False
+
+    @property
     def begins_with(self) -> StartFrom | None:
         """The checkpoint whose network is the first; None: that of the seed."""
         return None

@@ -1,7 +1,7 @@
 """What rules share that learn action values: replay, exploration, and learning within an episode."""
 
 from collections.abc import Mapping
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -18,6 +18,8 @@ class DqnConfig(Strict):
     learn_every_steps: int = Field(ge=1)  # environment steps between two updates
     target_tau: Share | None = None  # share of the online network that the target takes per update; None: no target
     double: bool = False  # the online network picks, the target network scores (van Hasselt et al. 2016)
+    # From a train's decision to its next one, or, as the study writes it, to the next step, whether it decides there:
+    transitions: Literal["span", "step"] = "span"
 
     @model_validator(mode="after")
     def _double_has_a_target(self) -> Self:
@@ -58,6 +60,10 @@ class ValueSettings(RuleSettings):
     @property
     def steps_a_fragment(self) -> int | None:
         return self.fragment_steps
+
+    @property
+    def learns_from_following(self) -> bool:
+        return self.dqn.transitions == "step"
 
     def epsilon(self, episode: int, episodes: int) -> float:
         return self.exploration.epsilon(episode, episodes)

@@ -197,12 +197,15 @@ class Desk(Generic[Q]):
         return episode
 
     def _wrong(self, fragment: Fragment) -> str | None:
-        lease, features = fragment.lease, fragment.course.decisions.observations.shape[1]
+        lease, decisions = fragment.lease, fragment.course.decisions
+        features, following = decisions.observations.shape[1], decisions.following.shape[1]
         given = self._given.get(lease.unit)
         if given is not None and (reason := difference(lease, given)) is not None:
             return reason
         if features != self._n_features:
             return f"observations have {features} features, the network takes {self._n_features}"
+        if following != (wanted := self._n_features if self._schedule.following else 0):
+            return f"observations a step later have {following} features, this run notes {wanted}"
         try:
             check_order(fragment)
         except ValueError as reason:

@@ -1,7 +1,8 @@
 """What earlier versions left in snapshots, as this one has it.
 
-Before schema 5 no decision said what was allowed: everything was; nor was there a teacher. Before 4 arrays stood where
-their fields are, before 3 a fragment was flat, without the lease that it answers.
+Before schema 6 no decision said what its train saw one step later: nobody learned from it. Before 5 none said what was
+allowed: everything was; nor was there a teacher. Before 4 arrays stood where their fields are, before 3 a fragment was
+flat, without the lease that it answers.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,6 +16,7 @@ from common.records.acting import Circumstances, Fragment, Lease, Progressed
 from common.records.course import NONE, Course, Decisions
 
 RECORDS = (Circumstances, Course, Decisions)
+BLOCKS_OF_4 = 3
 
 
 def fragment_of_flat(flat: dict[str, Any], before: Sequence[Fragment]) -> Fragment:
@@ -54,15 +56,18 @@ def fragment_of_mapping(plain: dict[str, Any]) -> Fragment:
     """
     course, decisions = plain["course"], plain["course"]["decisions"]
     found = _unsaid(course, decisions)
-    decisions = decisions | {name: found.pop(name) for name in ("allowed", "labels")}
+    decisions = decisions | {name: found.pop(name) for name in ("allowed", "labels", "following")}
     return Fragment.model_validate(plain | {"course": course | found | {"decisions": decisions}})
 
 
 def blocks_of_now(plain: list[Any]) -> list[Any]:
-    """The fields, lengths and blocks of a fragment of schema 4 with what came after: labels, and what was allowed."""
-    whole, lengths, floats, long, short = plain
-    labels = np.full(lengths["D"], NONE, np.int8).tobytes()
-    return [whole, lengths, floats, long, short + labels, bytes([ALL_ACTIONS]) * (lengths["N"] + lengths["D"])]
+    """The fields, lengths and blocks of a fragment of schema 4 or 5 with what came after."""
+    whole, lengths, *blocks = plain
+    if len(blocks) == BLOCKS_OF_4:
+        floats, long, short = blocks
+        labels = np.full(lengths["D"], NONE, np.int8).tobytes()
+        blocks = [floats, long, short + labels, bytes([ALL_ACTIONS]) * (lengths["N"] + lengths["D"])]
+    return [whole, lengths | {"G": 0}, *blocks]
 
 
 def with_all_allowed(state: Mapping[str, NDArray[Any]], column: str) -> Mapping[str, NDArray[Any]]:
@@ -75,4 +80,5 @@ def with_all_allowed(state: Mapping[str, NDArray[Any]], column: str) -> Mapping[
 def _unsaid(course: dict[str, Any], decisions: dict[str, Any]) -> dict[str, Any]:
     counts = {"final_allowed": len(course["arrived_at"]), "allowed": len(decisions["times"])}
     allowed = {name: np.full(count, ALL_ACTIONS, np.uint8) for name, count in counts.items()}
-    return allowed | {"labels": np.full(counts["allowed"], NONE, np.int8)}
+    count = counts["allowed"]
+    return allowed | {"labels": np.full(count, NONE, np.int8), "following": np.zeros((count, 0), np.float32)}

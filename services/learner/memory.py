@@ -8,7 +8,7 @@ from msgpack._cmsgpack import Packer  # as in `common.wire.codec`
 from common.checkpoint import Tensors
 from common.policy.flat import Arrays
 from common.records.acting import Fragment
-from common.wire.blocks import dtypes_of
+from common.wire.arrays import pack_array
 from common.wire.codec import decode, encode, encoding_of, unpack
 from services.learner.former import blocks_of_now, fragment_of_flat, fragment_of_mapping
 
@@ -64,6 +64,6 @@ def _fragment(body: bytes, before: list[Fragment]) -> Fragment:
     plain = unpack(body)
     if isinstance(plain, dict):
         return fragment_of_mapping(plain) if "lease" in plain else fragment_of_flat(plain, before)
-    if len(plain) == 1 + len(dtypes_of(Fragment)):  # before schema 5
-        body = Packer().pack(blocks_of_now(plain))
+    if "G" not in plain[1]:  # before schema 6
+        body = Packer(default=pack_array).pack(blocks_of_now(plain))
     return decode(Fragment, encoding_of(Fragment), body)

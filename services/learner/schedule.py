@@ -18,6 +18,7 @@ class Schedule:
         epsilon: the share of random actions in an episode; 0 for policies, which explore by what they are.
         lag: how many episodes more than one may be under way at a time.
         fragment_steps: leases end where the steps of the run are multiples of it; None: they cover whole episodes.
+        following: decisions are noted with what their trains see one step later.
     """
 
     levels: Sequence[str]
@@ -25,6 +26,7 @@ class Schedule:
     epsilon: Callable[[int], float]
     lag: int = 0
     fragment_steps: int | None = None
+    following: bool = False
 
     @classmethod
     def of(cls, config: RunConfig) -> "Schedule":
@@ -35,6 +37,7 @@ class Schedule:
             epsilon=partial(_epsilon, config),
             lag=config.lag,
             fragment_steps=config.learning.steps_a_fragment,
+            following=config.learning.learns_from_following,
         )
 
 

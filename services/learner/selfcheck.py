@@ -39,6 +39,7 @@ def made_up_episode(number: int, n_features: int = N_FEATURES) -> Fragment:
         log_probabilities=np.zeros(count, np.float32),
         values=np.zeros(count, np.float32),
         labels=actions,
+        following=np.zeros((count, 0), np.float32),
     )
     course = Course(
         level_hash="0" * 32,

@@ -92,10 +92,14 @@ class ValueTrainer:
                 order.
         """
         course = fragment.course
-        n_features = course.decisions.observations.shape[1]
+        n_features, n_following = course.decisions.observations.shape[1], course.decisions.following.shape[1]
         if n_features != self._learning.n_features:
             raise ValueError(
                 f"episode {fragment.lease.episode} has {n_features} features, the network {self._learning.n_features}"
+            )
+        if n_following != (wanted := n_features if self._learning.settings.learns_from_following else 0):
+            raise ValueError(
+                f"episode {fragment.lease.episode} has {n_following} features a step later, the rule wants {wanted}"
             )
         new = self._maker.take(fragment)
         completed_at: list[int] = new.completed_at.tolist()

@@ -58,6 +58,33 @@ def test_both_engines_play_the_same_episode(difficulty, kind):
         assert (kind == "recurrent") == (compiled.states.shape[1] > 0)
 
 
+@pytest.mark.parametrize("difficulty", ["easy", "medium", "hard"])
+def test_both_engines_note_what_is_seen_one_step_later(difficulty):
+    acting = Acting(twin_of("plain", seed=3), epsilon=0.3, key=77)
+    again = 0
+    for seed in range(3):
+        level = LevelSupply().training(difficulty, seed)
+        compiled, flatland = (play(study_player(engine), level, acting._replace(following=True)) for engine in ENGINES)
+        assert same(compiled, flatland)
+        plain = play(study_player("compiled"), level, acting)
+        assert plain.decisions.following.shape == (len(plain.decisions), 0)
+        nothing = compiled.decisions.model_copy(update={"following": plain.decisions.following})
+        assert same(compiled.model_copy(update={"decisions": nothing}), plain)
+        found = list(zip(*(compiled.decisions.__dict__[name] for name in ("times", "trains")), strict=True))
+        for (time, train), following in zip(found, compiled.decisions.following, strict=True):
+            if compiled.arrived_at[train] == time:
+                expected = np.zeros_like(following)
+            elif time + 1 == compiled.last_step:
+                expected = compiled.final_observations[train]
+            elif (time + 1, train) in found:
+                expected = compiled.decisions.observations[found.index((time + 1, train))]
+                again += 1
+            else:
+                continue
+            np.testing.assert_array_equal(following, expected)
+    assert again
+
+
 @pytest.mark.parametrize("kind", ["recurrent", "actor-critic"])
 @pytest.mark.parametrize("interlocking", ["valid", "safe", "planned"])
 def test_both_engines_grant_the_same_actions(interlocking, kind):
@@ -114,9 +141,10 @@ def test_an_episode_does_not_depend_on_those_before_it():
 
 
 @pytest.mark.parametrize("kind", ["recurrent", "actor-critic"])
+@pytest.mark.parametrize("following", [False, True])
 @pytest.mark.parametrize("room", [{"room_bytes": 0}, {"room_steps": 7}, {"room_bytes": 9_000, "room_steps": 1}])
-def test_an_episode_noted_piece_by_piece_is_the_same(kind, room):
-    acting = Acting(twin_of(kind, seed=6), epsilon=0.4, key=3)
+def test_an_episode_noted_piece_by_piece_is_the_same(kind, following, room):
+    acting = Acting(twin_of(kind, seed=6), epsilon=0.4, key=3, following=following)
     level = LevelSupply().training("medium", 2)
     begun = []
     pieces = play(
@@ -127,9 +155,12 @@ def test_an_episode_noted_piece_by_piece_is_the_same(kind, room):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize(("kind", "interlocking"), [("dueling", "off"), ("recurrent", "off"), ("recurrent", "planned")])
-def test_fragments_joined_are_the_whole_episode_even_if_each_has_another_player(kind, interlocking, engine):
-    acting = Acting(twin_of(kind, seed=6), epsilon=0.4, key=3)
+@pytest.mark.parametrize(
+    ("kind", "interlocking", "following"),
+    [("dueling", "off", False), ("dueling", "off", True), ("recurrent", "off", False), ("recurrent", "planned", False)],
+)
+def test_fragments_joined_are_the_whole_episode_even_if_each_has_another_player(kind, interlocking, following, engine):
+    acting = Acting(twin_of(kind, seed=6), epsilon=0.4, key=3, following=following)
     level = LevelSupply().training("medium", 2)
     whole = play(study_player(engine, interlocking=interlocking), level, acting)
     one = study_player(engine, interlocking=interlocking)

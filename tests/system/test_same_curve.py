@@ -77,6 +77,7 @@ SMALL = ("--set", "network.hidden=[32, 32]", "--set", "dqn.batch_size=32")  # an
 ALGORITHMS = {
     "dqn": (),
     "ddqn": (),
+    "ddqn-step": ("--set", "dqn.transitions=step"),
     "dddqn": ("--set", "replay=prioritized"),
     "drqn": SMALL,
     "drqn-prioritized": (*SMALL, "--set", "replay=prioritized"),

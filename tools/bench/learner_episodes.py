@@ -98,6 +98,7 @@ def episode(number: int, rows: NDArray[np.float32], decisions: int) -> Fragment:
             actions=rng.integers(N_ACTIONS, size=decisions).astype(np.int8),
             allowed=np.full(decisions, ALL_ACTIONS, np.uint8),
             labels=np.full(decisions, -1, np.int8),
+            following=np.zeros((decisions, 0), np.float32),
             log_probabilities=np.full(decisions, -np.log(N_ACTIONS), np.float32),
             values=-rng.random(decisions, np.float32),
         ),

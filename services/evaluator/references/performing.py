@@ -78,6 +78,7 @@ def course(  # noqa: PLR0913  (what happened)
         log_probabilities=nothing,
         values=nothing,
         labels=np.full(len(times), NONE, np.int8),
+        following=np.zeros((len(times), 0), np.float32),
     )
     return Course(
         level_hash=level.content_hash,

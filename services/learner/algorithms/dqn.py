@@ -18,7 +18,7 @@ Deviations, all of them the study's own text unless said otherwise:
   copied.
 - The loss is the plain mean squared error (weighted, if prioritised); neither the error nor the gradient is clipped.
 - Ours: transitions span several steps, so `discount_t` is gamma to the power of the span
-  (`replay/transitions.py`).
+  (`replay/transitions.py`). `dqn.transitions: step` is the text's letter: one step, one gamma.
 """
 
 from common.policy.first_weights import first_values

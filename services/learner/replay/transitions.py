@@ -3,7 +3,11 @@
 Between two decisions a train follows the rails, and nothing is stored. Such a transition spans a varying number of
 steps and is one of a semi-Markov decision process: its reward is the discounted sum over the span, and what follows is
 discounted by gamma to the power of the span (Sutton, Precup & Singh, "Between MDPs and semi-MDPs", 1999, section 3).
-The text's own algorithms ignore the span.
+
+The text's own algorithms ignore the span, and so do transitions of decisions that were noted with what their trains saw
+one step later (`dqn.transitions: step`). Each spans the one step on which it was decided, whether or not the train
+decides on the next one: its reward is that step's, and what the train saw then follows, discounted by gamma. Such runs
+have no interlocking, so all actions may follow.
 
 A train's last transition ends on its arrival (terminated: nothing follows, discount 0) or at the step limit
 (truncated: the value of its last observation follows, discounted as any other). A train's rewards after its arrival
@@ -67,8 +71,9 @@ class Transitions:
         action_tm1 [M], the decision;
         reward_t [M], sum over the span of gamma^k times the k-th reward after the decision;
         discount_t [M], gamma^span, or 0 where the train arrived;
-        observation_t [M, F], at the next decision, or the last before truncation; zeros where the train arrived;
-        allowed_t [M], what is allowed at the next decision, or at truncation, a bit an action; all after an arrival;
+        observation_t [M, F], at the end of the span: at the next decision or one step later, or the last before
+            truncation; zeros where the train arrived;
+        allowed_t [M], what is allowed then, a bit an action; all after an arrival;
         back [M], how many transitions earlier the train's previous one of this episode is; 0 for its first.
         """
         integers, floats = self.items.numbers.view(np.int32), self.items.numbers.view(np.float32)
@@ -125,6 +130,7 @@ class TransitionMaker:
             plain(decisions.actions),
             plain(decisions.allowed),
             bits(decisions.observations),
+            bits(decisions.following),
             plain(course.rewards),
             plain(course.arrived_at),
             bits(course.final_observations),
@@ -212,6 +218,7 @@ def find_transitions(  # noqa: PLR0913  (compiled code takes arrays, not objects
     actions: NDArray[np.int8],
     allowed: NDArray[np.uint8],
     observations: NDArray[np.uint32],
+    following: NDArray[np.uint32],
     rewards: NDArray[np.float32],
     arrived_at: NDArray[np.int32],
     final_observations: NDArray[np.uint32],
@@ -235,6 +242,7 @@ def find_transitions(  # noqa: PLR0913  (compiled code takes arrays, not objects
         actions: [D].
         allowed: [D].
         observations: [D, F], their bits.
+        following: [D, F], the bits of what is seen a step later, where transitions end; [D, 0]: they span.
         rewards: [T, N].
         arrived_at: [N].
         final_observations: [N, F], their bits.
@@ -256,6 +264,7 @@ def find_transitions(  # noqa: PLR0913  (compiled code takes arrays, not objects
     """
     steps, n_trains = rewards.shape
     last_step = first_step + steps
+    one_step = following.shape[1] > 0
     decision = count = 0  # the next of each
     for step in range(first_step, last_step):
         for train in range(n_trains):
@@ -276,14 +285,16 @@ def find_transitions(  # noqa: PLR0913  (compiled code takes arrays, not objects
             sums[train, REWARDED] += sums[train, DISCOUNTED] * rewards[step - first_step, train]
             sums[train, DISCOUNTED] *= discount
             arrives = arrived_at[train] == step
-            if arrives or (over and step == last_step - 1):
-                following = rows[count, 1]
+            if arrives or one_step or (over and step == last_step - 1):
+                after = rows[count, 1]
                 if arrives:
                     sums[train, DISCOUNTED] = 0.0
-                    following[:] = 0
+                    after[:] = 0
+                elif one_step:
+                    copy(following[decision - 1], after)
                 else:
-                    copy(final_observations[train], following)
-                last = ALL_ACTIONS if arrives else int(final_allowed[train])
+                    copy(final_observations[train], after)
+                last = ALL_ACTIONS if arrives or one_step else int(final_allowed[train])
                 note(made + count, last, pending[train], sums[train], numbers[count])
                 copy(kept[train], rows[count, 0])
                 completed_at[count] = step + 1

@@ -89,6 +89,7 @@ def complaint(data):
         ("dqn.batch_size", 101, "dqn.batch_size 101 exceeds replay.capacity 100: make one fit the other"),
         ("dqn.target_tau", 0, "dqn.target_tau: input should be greater than 0, not 0"),
         ("dqn.double", True, "dqn: double needs a target network: set target_tau"),
+        ("dqn.transitions", "steps", "dqn.transitions: input should be 'span' or 'step', not 'steps'"),
         (
             "exploration.epsilon_start",
             1.1,
@@ -116,7 +117,7 @@ def complaint(data):
             3,
             (
                 "unknown key dqn.sequence_decisions: known are batch_size, double, learn_every_steps, learning_rate, "
-                "target_tau"
+                "target_tau, transitions"
             ),
         ),
         ("replay.alpha", 0.5, "unknown key replay.alpha: known are capacity, kind"),
@@ -218,6 +219,14 @@ def test_mixes_that_somebody_or_nobody_serves_are_taken(mix, actors):
     assert (config.mix, config.cluster.actors) == (mix, actors)
 
 
+def test_what_an_interlocking_allows_on_a_following_step_is_not_known():
+    assert parse_config(plain({"dqn.transitions": "step"})).learning.learns_from_following
+    assert complaint(plain({"dqn.transitions": "step", "interlocking": "safe"})) == (
+        "interlocking safe: dqn.transitions step cannot say what it allows a train that does not decide, make it off, "
+        "or dqn.transitions span"
+    )
+
+
 def test_a_configuration_comes_back_from_yaml():
     config = parse_config(plain({"dqn.target_tau": 0.1, "dqn.double": True, "observation": {"depth": 1}}))
     assert parse_config(yaml.safe_load(yaml.safe_dump(config.plain()))) == config
@@ -237,7 +246,7 @@ def test_in_files_all_keys_stand_side_by_side():
         "reward": {"kind": "study"},
         "network": {"kind": "plain", "hidden": [16, 16]},
         "discount": 0.99,
-        "dqn": DQN | {"target_tau": None, "double": False},
+        "dqn": DQN | {"target_tau": None, "double": False, "transitions": "span"},
         "replay": {"kind": "uniform", "capacity": 100},
         "exploration": {"epsilon_start": 0.9, "epsilon_end": 0.01, "decay_share": 0.5},
         "fragment_steps": None,
@@ -295,7 +304,10 @@ def test_no_more_evaluation_levels_than_are_kept_from_training():
 
 # Configurations of earlier versions
 
-LATER = {"anchor_weight": 0.0}  # keys of sections that are newer, with values that change nothing
+LATER = {
+    "anchor_weight": 0.0,
+    "transitions": "span",
+}  # newer keys of sections, with values that change nothing
 
 
 @pytest.mark.parametrize("path", sorted(SAVED.glob("*.yaml")), ids=lambda path: path.stem)

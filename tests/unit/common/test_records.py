@@ -15,7 +15,7 @@ from common.records.course import Course, Decisions, normalised_return
 from common.records.heartbeats import ActorReport, EvaluatorReport, Heartbeat
 from common.records.rows import EpisodeRow, EvaluationRow
 
-FLOATS = ("observations", "log_probabilities", "values", "rewards", "final_observations")
+FLOATS = ("observations", "following", "log_probabilities", "values", "rewards", "final_observations")
 
 
 def episode(**changes):
@@ -75,6 +75,8 @@ def test_an_episode_without_decisions_is_an_episode():
         ("over", False, "course: is not over, its lease covers all of it"),
         ("score", 0.5, None),
         ("states", np.zeros((3, 0), np.float32), "states: dimension N is 3 here and 2 before"),
+        ("following", np.zeros((3, 2), np.float32), "following: dimension D is 3 here and 4 before"),
+        ("following", np.zeros((4, 1), np.float32), "decisions.following: wants no features or 2, got 1"),
     ],
 )
 def test_an_episode_whose_arrays_do_not_fit_is_refused(field, value, text):
@@ -127,7 +129,7 @@ def test_what_a_process_made_itself_is_as_if_checked():
     course = episode().course
     made = Course.made(**fields_of(course) | {"decisions": Decisions.made(**fields_of(course.decisions))})
     assert digest_of(made) == digest_of(course)
-    assert made.measured() == course.measured() == {"D": 4, "F": 2, "T": 3, "N": 2, "S": 0}
+    assert made.measured() == course.measured() == {"D": 4, "F": 2, "G": 0, "T": 3, "N": 2, "S": 0}
 
 
 @pytest.mark.parametrize(
@@ -257,6 +259,7 @@ def test_records_cannot_be_changed():
 
 def test_the_digest_is_pinned():
     assert episode().digest == "17d9c94d78252efafc2abc75643bc101"
+    assert episode(following=np.ones((4, 2), np.float32)).digest == "923310c3aa8407ee2561ad285029b478"
 
 
 def test_the_digest_does_not_see_who_acted_nor_how_long():
@@ -274,7 +277,7 @@ FIELDS = [name for record in (Lease, Course, Decisions) for name in record.model
 
 @pytest.mark.parametrize("field", FIELDS)
 def test_the_digest_sees_every_other_field(field):
-    before = episode()
+    before = episode(following=np.zeros((4, 2), np.float32))
     states = np.zeros((2, 1), np.float32)
     changes = {
         "level": "hard",

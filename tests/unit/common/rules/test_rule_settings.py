@@ -75,6 +75,8 @@ def test_a_rule_answers_what_the_rest_asks():
     assert [settings(rule).steps_a_fragment for rule in rules()] == [None] * 6
     assert settings("dqn", {"fragment_steps": 30}).steps_a_fragment == 30
     assert [settings(rule).teaching for rule in rules()] == [None, None, (10, 4, 16), None, None, None]
+    assert {settings(rule).learns_from_following for rule in rules()} == {False}
+    assert settings("dqn", {"dqn.transitions": "step"}).learns_from_following
     assert [settings(rule).epsilon(0, 100) for rule in rules()] == [0.9, 0.9, 1, 0, 0, 0]
     assert settings("drqn").epsilon(50, 100) == pytest.approx(0.01)
     assert {settings(rule).module(12, 3, seed=1) for rule in rules()} == {None}
@@ -115,6 +117,12 @@ def test_settings_come_back_from_plain_data(rule):
             "dqn.sequence_decisions: input should be greater than or equal to 1, not 0",
         ),
         ("drqn", "dqn.double", True, "dqn: double needs a target network: set target_tau"),
+        (
+            "drqn",
+            "dqn.transitions",
+            "step",
+            "dqn.transitions step: the sequences of drqn lead from decision to decision, make it span",
+        ),
         ("dqn", "dqn.batch_size", 101, "dqn.batch_size 101 exceeds replay.capacity 100: make one fit the other"),
         ("dqn", "replay.alpha", 0.5, "unknown key replay.alpha: known are capacity, kind"),
         ("dqn", "replay.capacity", 0, "replay.capacity: input should be greater than or equal to 1, not 0"),

@@ -25,6 +25,7 @@ def course(number=0, actions=(2, 4), first_step=0):
             log_probabilities=np.zeros(count, np.float32),
             values=np.zeros(count, np.float32),
             labels=np.full(count, -1, np.int8),
+            following=np.zeros((count, 0), np.float32),
         ),
         rewards=np.zeros((3, 2), np.float32),
         arrived_at=np.array([2, -1], np.int32),

@@ -35,6 +35,7 @@ def decisions_of(decided, n_features, log_probabilities=None, values=None, allow
         log_probabilities=np.zeros(count, np.float32) if log_probabilities is None else log_probabilities,
         values=np.zeros(count, np.float32) if values is None else values,
         labels=np.full(count, -1, np.int8),
+        following=np.zeros((count, 0), np.float32),
     )
 
 
@@ -101,6 +102,24 @@ def make_episode(number, n_features=6, steps=STEPS, offset=0, density=1.0):
         allowed=some_allowed(rng, 5, len(times), course.decisions.actions).astype(np.uint8),
         final_allowed=np.where(arrived_at < 0, some_allowed(rng, 5, TRAINS), 31).astype(np.uint8),
     )
+
+
+def with_following(episode):
+    """An episode in whose record decisions say what their trains saw one step later.
+
+    By chance, but where they decide again it is what they see, and at the step limit what they saw last.
+    """
+    course, decisions = episode.course, episode.course.decisions
+    following = -np.random.default_rng(episode.lease.episode).random(decisions.observations.shape, np.float32)
+    rows = {when: row for row, when in enumerate(zip(decisions.times, decisions.trains, strict=True))}
+    for (time, train), row in rows.items():
+        if course.arrived_at[train] == time:
+            following[row] = 0
+        elif (time + 1, train) in rows:
+            following[row] = decisions.observations[rows[time + 1, train]]
+        elif time + 1 == course.last_step:
+            following[row] = course.final_observations[train]
+    return edited(episode, following=following)
 
 
 def edited(record, **changes):

@@ -148,6 +148,7 @@ def test_actors_get_only_what_they_serve():
         ({"level_seed": 5}, "level_seed is 5, its lease says 1000"),
         ({"epsilon": 0.5}, "epsilon is 0.5, its lease says 1.0"),
         ({"observations": np.zeros((2, 3), np.float32)}, "observations have 3 features, the network takes 1"),
+        ({"following": np.zeros((2, 1), np.float32)}, "observations a step later have 1 features, this run notes 0"),
         ({"times": np.zeros(2, np.int32)}, "episode 0: decisions are not in the order of (time, train)"),
         ({"arrived_at": np.zeros(1, np.int32)}, "episode 0: a train decides after its arrival"),
     ],
@@ -161,6 +162,14 @@ def test_what_is_not_as_leased_is_refused_and_leased_anew(change, reason):
     assert lease(made, "a", kept=[(0, 0)]).episode == 0  # it is not asked for, though the actor keeps it
     assert made.arrive(fragment) is None
     train(made)
+
+
+def test_what_followed_decisions_is_refused_where_it_is_missing():
+    made = desk("a", following=True)
+    fragment = answer_to(lease(made, "a"), actor="a")
+    assert made.arrive(fragment).endswith("observations a step later have 0 features, this run notes 1")
+    lease(made, "a")
+    assert made.arrive(edited(fragment, following=np.zeros((2, 1), np.float32))) is None
 
 
 def test_what_nobody_has_leased_is_refused():

@@ -5,7 +5,7 @@ import pytest
 from made_episodes import cut, edited, make_episode
 from msgpack._cmsgpack import Packer, unpackb
 
-from common.wire.arrays import pack_array
+from common.wire.arrays import pack_array, unpack_array
 from common.wire.codec import encode
 from services.learner.compile import learning
 from services.learner.learning import build_trainer
@@ -39,9 +39,16 @@ def all_allowed(fragment):
     return edited(fragment, allowed=np.full(count, 31, np.uint8), final_allowed=final)
 
 
+def in_all_blocks(fragment):
+    """As schema 5 had it: nothing is said of what followed."""
+    whole, lengths, *blocks = unpackb(encode(fragment), ext_hook=unpack_array)
+    assert lengths.pop("G") == 0
+    return packed([whole, lengths, *blocks])
+
+
 def in_blocks(fragment):
-    """As schema 4 had it: nothing is said of what was allowed."""
-    whole, lengths, floats, long, short, allowed = unpackb(encode(fragment))
+    """As schema 4 had it: nothing is said of what was allowed either."""
+    whole, lengths, floats, long, short, allowed = unpackb(in_all_blocks(fragment).tobytes(), ext_hook=unpack_array)
     assert set(allowed) == {31}
     return packed([whole, lengths, floats, long, short[: -len(fragment.course.decisions)]])
 
@@ -50,7 +57,7 @@ def mapped(fragment):
     """As schema 3 had it."""
     plain = fragment.model_dump()
     del plain["course"]["final_allowed"], plain["course"]["decisions"]["allowed"]
-    del plain["course"]["decisions"]["labels"]
+    del plain["course"]["decisions"]["labels"], plain["course"]["decisions"]["following"]
     return packed(plain)
 
 
@@ -59,16 +66,17 @@ def flat(fragment):
     lease, course = fragment.lease, dict(fragment.course)
     del course["score"], course["final_allowed"]
     decisions = dict(course.pop("decisions"))
-    del decisions["allowed"], decisions["labels"]
+    del decisions["allowed"], decisions["labels"], decisions["following"]
     numbers = {"fragment": lease.fragment}
     numbers |= {name: getattr(lease, name) for name in ("episode", "level", "level_seed", "weights_version")}
     plain = numbers | course | decisions | dict(fragment.circumstances)
     return packed(plain)
 
 
-@pytest.mark.parametrize("earlier", [flat, mapped, in_blocks])
-def test_an_open_episode_of_an_earlier_version_comes_back(earlier):
-    fragments = [all_allowed(fragment) for fragment in cut(make_episode(3), [7, 20])[:2]]
+@pytest.mark.parametrize("features", [6, 1000])  # few enough to be packed as they are, or without their zeros
+@pytest.mark.parametrize("earlier", [flat, mapped, in_blocks, in_all_blocks])
+def test_an_open_episode_of_an_earlier_version_comes_back(earlier, features):
+    fragments = [all_allowed(fragment) for fragment in cut(make_episode(3, features, density=0.1), [7, 20])[:2]]
     memory = take_memory({f"open/{number:06d}": earlier(fragment) for number, fragment in enumerate(fragments)})
     assert [fragment.lease.unit for fragment in memory.opened] == [(3, 0), (3, 1)]
     ours, theirs = OpenEpisode(memory.opened), OpenEpisode(fragments)

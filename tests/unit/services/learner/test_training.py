@@ -13,6 +13,7 @@ from made_episodes import (
     decided,
     edited,
     make_episode,
+    with_following,
 )
 
 from common.rules import settings_of
@@ -28,6 +29,9 @@ VARIANTS = {
     "drqn": {"kind": "recurrent"},
     "drqn prioritized": {"kind": "recurrent", "replay": "prioritized"},
 }
+
+
+PLAYED = {"span": make_episode, "step": lambda number: with_following(make_episode(number))}
 
 
 def make_learning(kind="dueling", replay="uniform", n_features=6, hidden=(16, 16), capacity=200, alpha_end=None, **dqn):
@@ -91,27 +95,34 @@ def test_a_transition_takes_part_in_the_update_of_the_step_that_completes_it():
 
 
 @settings(deadline=None, max_examples=30)
-@given(st.integers(0, 10_000), st.lists(st.sets(st.integers(1, STEPS - 1), max_size=6), min_size=3, max_size=3))
-def test_it_does_not_matter_where_episodes_are_cut(number, places):
-    whole, parts = make_trainer(replay="prioritized"), make_trainer(replay="prioritized")
-    for episode, cuts in enumerate(places, start=number):
-        told = whole.train(make_episode(episode))
-        fragments = [parts.train(fragment) for fragment in cut(make_episode(episode), cuts)]
+@given(
+    st.sampled_from(list(PLAYED)),
+    st.integers(0, 10_000),
+    st.lists(st.sets(st.integers(1, STEPS - 1), max_size=6), min_size=3, max_size=3),
+)
+def test_it_does_not_matter_where_episodes_are_cut(transitions, number, places):
+    whole, parts = (make_trainer(replay="prioritized", transitions=transitions) for _ in range(2))
+    for after, cuts in enumerate(places):
+        episode = PLAYED[transitions](number + after)
+        told = whole.train(episode)
+        fragments = [parts.train(fragment) for fragment in cut(episode, cuts)]
         for name in ("updates", "transitions"):
             assert sum(fragment[name] for fragment in fragments) == told[name]
     assert_same_state(whole.state(), parts.state())
 
 
+@pytest.mark.parametrize("transitions", PLAYED)
 @pytest.mark.parametrize("after", [1, 2, 3])
-def test_a_trainer_restored_within_an_episode_goes_on_with_the_same_bits(after):
-    straight, restored = make_trainer(replay="prioritized"), make_trainer(replay="prioritized")
-    straight.train(make_episode(0))
-    fragments = cut(make_episode(1), [9, 20, 31])
+def test_a_trainer_restored_within_an_episode_goes_on_with_the_same_bits(after, transitions):
+    straight, restored = (make_trainer(replay="prioritized", transitions=transitions) for _ in range(2))
+    first, second, third, other = map(PLAYED[transitions], (0, 1, 2, 99))
+    straight.train(first)
+    fragments = cut(second, [9, 20, 31])
     for fragment in fragments[:after]:
         straight.train(fragment)
-    restored.train(cut(make_episode(99), [7])[0])  # what was open there before must not matter
+    restored.train(cut(other, [7])[0])  # what was open there before must not matter
     restored.restore(straight.state(), fragments[:after])
-    for fragment in (*fragments[after:], make_episode(2)):
+    for fragment in (*fragments[after:], third):
         assert straight.train(fragment) == restored.train(fragment)
     assert_same_state(straight.state(), restored.state())
 
@@ -144,6 +155,13 @@ def test_metrics_are_means_over_the_updates():
 def test_an_episode_of_another_shape_is_refused():
     with pytest.raises(ValueError, match="episode 1 has 7 features, the network 6"):
         make_trainer().train(make_episode(1, n_features=7))
+
+
+def test_an_episode_of_another_kind_of_transitions_is_refused():
+    with pytest.raises(ValueError, match="episode 1 has 0 features a step later, the rule wants 6"):
+        make_trainer(transitions="step").train(PLAYED["span"](1))
+    with pytest.raises(ValueError, match="episode 1 has 6 features a step later, the rule wants 0"):
+        make_trainer().train(PLAYED["step"](1))
 
 
 def test_weights_are_a_copy():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_episodes import STEPS, cut, decided, edited, make_episode
+from made_episodes import STEPS, cut, decided, edited, make_episode, with_following
 
 from services.learner.replay.transitions import TransitionMaker, check_order
 
@@ -79,10 +79,49 @@ def test_an_episode_without_decisions_has_no_transitions():
     assert result.columns["observation_t"].shape == (0, 1)
 
 
+def test_transitions_of_one_step_end_with_it():
+    result = make(
+        decisions=[(0, 0, 2, 0.1), (0, 1, 1, 0.2), (1, 0, 3, 0.3), (2, 0, 4, 0.4), (3, 1, 0, 0.5)],
+        rewards=[[-1, -10], [-2, -20], [-3, -30], [7, -40]],
+        arrived_at=[2, -1],
+        final=[0.0, 0.9],
+        discount=0.5,
+        following=np.float32([[0.3], [0.25], [0.4], [0.0], [0.9]]),  # train 1 sees 0.25 where it does not decide
+    )
+    assert result.completed_at.tolist() == [1, 1, 2, 3, 4]
+    assert column(result, "action_tm1") == [2, 1, 3, 4, 0]
+    np.testing.assert_array_equal(result.columns["observation_tm1"], np.float32([[0.1], [0.2], [0.3], [0.4], [0.5]]))
+    assert column(result, "reward_t") == [-1, -10, -2, -3, -40]
+    assert column(result, "discount_t") == [0.5, 0.5, 0.5, 0, 0.5]
+    np.testing.assert_array_equal(result.columns["observation_t"], np.float32([[0.3], [0.25], [0.4], [0], [0.9]]))
+    assert column(result, "allowed_t") == [31] * 5
+    assert column(result, "back") == [0, 0, 2, 1, 3]
+
+
+def test_a_train_that_decides_on_every_step_spans_one():
+    episode = make_episode(3)
+    steps = np.arange(STEPS)
+    moved = {"times": steps, "trains": np.zeros(STEPS), "actions": steps % 5, "allowed": np.full(STEPS, 31)}
+    decisions = {name: array.astype(getattr(episode.course.decisions, name).dtype) for name, array in moved.items()}
+    zeros = {name: np.zeros(STEPS, np.float32) for name in ("log_probabilities", "values")}
+    always = edited(
+        episode,
+        observations=-np.random.default_rng(1).random((STEPS, 6), np.float32),
+        labels=np.full(STEPS, -1, np.int8),
+        arrived_at=np.full(3, -1, np.int32),
+        final_allowed=np.full(3, 31, np.uint8),
+        **decisions,
+        **zeros,
+    )
+    spans, single = (TransitionMaker(0.9).take(each) for each in (always, with_following(always)))
+    for name, array in spans.columns.items():
+        np.testing.assert_array_equal(single.columns[name], array, err_msg=name)
+
+
 @settings(deadline=None)
-@given(st.integers(0, 10_000), st.sets(st.integers(1, STEPS - 1)))
-def test_an_episode_may_be_cut_anywhere(number, places):
-    episode = make_episode(number)
+@given(st.integers(0, 10_000), st.sets(st.integers(1, STEPS - 1)), st.booleans())
+def test_an_episode_may_be_cut_anywhere(number, places, one_step):
+    episode = with_following(make_episode(number)) if one_step else make_episode(number)
     whole = TransitionMaker(0.9).take(episode)
     maker = TransitionMaker(0.9)
     parts = []
@@ -98,10 +137,10 @@ def test_an_episode_may_be_cut_anywhere(number, places):
         np.testing.assert_array_equal(joined, array)
 
 
-@given(st.integers(0, 10_000))
+@given(st.integers(0, 10_000), st.booleans())
 @settings(deadline=None)
-def test_back_leads_through_all_decisions_of_a_train(number):
-    episode = make_episode(number)
+def test_back_leads_through_all_decisions_of_a_train(number, one_step):
+    episode = with_following(make_episode(number)) if one_step else make_episode(number)
     columns = TransitionMaker(0.9).take(episode).columns
     for train in range(episode.course.n_trains):
         decisions = episode.course.decisions
