@@ -16,7 +16,13 @@ from services.learner.learning import Learning, build_trainer
 from services.learner.selfcheck import N_FEATURES, made_up_episode
 
 SECTIONS = {
-    "dqn": {"learning_rate": 1e-3, "batch_size": 8, "learn_every_steps": 30, "target_tau": 0.5},
+    "dqn": {
+        "learning_rate": 1e-3,
+        "batch_size": 8,
+        "learn_every_steps": 30,
+        "target_tau": 0.5,
+        "target_every": "episode",
+    },
     "ppo": {"learning_rate": 1e-3, "epochs": 1},
     "sil": {"epochs": 1, "batch_size": 8},
     "imitation": {"learning_rate": 1e-3, "updates": 1, "batch_size": 8},

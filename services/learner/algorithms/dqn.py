@@ -10,12 +10,16 @@
 importance weights on the squared errors, and the errors' sizes as new priorities. `double` gives `ddqn` and `dddqn` the
 classic rule of van Hasselt et al., "Deep RL with Double Q-learning", arXiv:1509.06461.
 
+Where the study can be read in several ways, a switch has the other reading: `double: reversed` is its figure 2.11, in
+which the target network picks the action and the online network scores it; with `target_every: episode` the target
+network follows at the end of each episode, as line 17 of Algorithm 2 is indented.
+
 Deviations, all of them the study's own text unless said otherwise:
 - `dqn` has no target network: its target is the network itself, detached.
 - The target of `ddqn` and `dddqn` is the maximum of the target network (the text's Algorithm 2), unless
   `double`.
-- The target network takes a share of the online one after each update (the text's equation 4.1) and is never
-  copied.
+- The target network takes a share of the online one after each update (the text's equation 4.1; figure 2.11), unless
+  `target_every`, and is never copied.
 - The loss is the plain mean squared error (weighted, if prioritised); neither the error nor the gradient is clipped.
 - Ours: transitions span several steps, so `discount_t` is gamma to the power of the span
   (`replay/transitions.py`).

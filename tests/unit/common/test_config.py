@@ -116,7 +116,7 @@ def complaint(data):
             3,
             (
                 "unknown key dqn.sequence_decisions: known are batch_size, double, learn_every_steps, learning_rate, "
-                "target_tau"
+                "target_every, target_tau"
             ),
         ),
         ("replay.alpha", 0.5, "unknown key replay.alpha: known are capacity, kind"),
@@ -237,7 +237,7 @@ def test_in_files_all_keys_stand_side_by_side():
         "reward": {"kind": "study"},
         "network": {"kind": "plain", "hidden": [16, 16]},
         "discount": 0.99,
-        "dqn": DQN | {"target_tau": None, "double": False},
+        "dqn": DQN | {"target_tau": None, "target_every": "update", "double": False},
         "replay": {"kind": "uniform", "capacity": 100},
         "exploration": {"epsilon_start": 0.9, "epsilon_end": 0.01, "decay_share": 0.5},
         "fragment_steps": None,
@@ -295,7 +295,10 @@ def test_no_more_evaluation_levels_than_are_kept_from_training():
 
 # Configurations of earlier versions
 
-LATER = {"anchor_weight": 0.0}  # keys of sections that are newer, with values that change nothing
+LATER = {
+    "anchor_weight": 0.0,
+    "target_every": "update",
+}  # keys of sections that are newer, with values that change nothing
 
 
 @pytest.mark.parametrize("path", sorted(SAVED.glob("*.yaml")), ids=lambda path: path.stem)

@@ -80,6 +80,15 @@ def test_a_rule_answers_what_the_rest_asks():
     assert {settings(rule).module(12, 3, seed=1) for rule in rules()} == {None}
 
 
+@pytest.mark.parametrize(
+    ("switches", "shares"),
+    [({}, (0, 0)), ({"target_tau": 0.1}, (0.1, 0)), ({"target_tau": 0.1, "target_every": "episode"}, (0, 0.1))],
+)
+def test_a_target_follows_after_updates_or_at_the_end_of_episodes(switches, shares):
+    dqn = settings("dqn", {f"dqn.{name}": value for name, value in switches.items()}).dqn
+    assert (dqn.share_an_update, dqn.share_an_episode) == shares
+
+
 @pytest.mark.parametrize("rule", ["dqn", "drqn"])
 def test_runs_with_a_lag_have_whole_episodes(rule):
     preset = {"fragment_steps": 30, "dqn": {"batch_size": 3}}
@@ -115,6 +124,15 @@ def test_settings_come_back_from_plain_data(rule):
             "dqn.sequence_decisions: input should be greater than or equal to 1, not 0",
         ),
         ("drqn", "dqn.double", True, "dqn: double needs a target network: set target_tau"),
+        ("dqn", "dqn.double", "reversed", "dqn: double needs a target network: set target_tau"),
+        ("dqn", "dqn.double", "reverse", "dqn.double: input should be False, True or 'reversed', not 'reverse'"),
+        (
+            "drqn",
+            "dqn.target_every",
+            "episode",
+            "dqn: target_every episode needs a target network: set target_tau",
+        ),
+        ("dqn", "dqn.target_every", 7, "dqn.target_every: input should be 'update' or 'episode', not 7"),
         ("dqn", "dqn.batch_size", 101, "dqn.batch_size 101 exceeds replay.capacity 100: make one fit the other"),
         ("dqn", "replay.alpha", 0.5, "unknown key replay.alpha: known are capacity, kind"),
         ("dqn", "replay.capacity", 0, "replay.capacity: input should be greater than or equal to 1, not 0"),

@@ -12,7 +12,7 @@ from common.rules.settings import NetworkConfig
 from common.rules.values import DqnConfig
 from services.learner.fused.dqn import FusedDqn
 from services.learner.textbook.allowing import allowed_only
-from services.learner.textbook.dqn import double_q_target, error_gradient, q_target, soft_update
+from services.learner.textbook.dqn import Dqn, double_q_target, error_gradient, q_target, soft_update
 from services.learner.training import Batch
 
 R_T = torch.tensor([-1.0, -2.0])
@@ -29,6 +29,12 @@ def test_double_q_target_by_hand():
     q_t = torch.tensor([[9.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
     target = double_q_target(R_T, DISCOUNT_T, q_t, Q_TARGET_T)
     assert target.tolist() == [-0.5, -2]  # -1 + 1/2: the online net picks action 0
+
+
+def test_a_reversed_target_by_hand():
+    q_t = torch.tensor([[9.0, 4.0, 1.0], [0.0, 0.0, 1.0]])
+    target = double_q_target(R_T, DISCOUNT_T, Q_TARGET_T, q_t)
+    assert target.tolist() == [1, -2]  # -1 + 4/2: the target net picks action 1, which the online net gives a 4
 
 
 def test_targets_of_allowed_actions_by_hand():
@@ -54,7 +60,7 @@ def test_error_gradient_by_hand():
     assert gradient.tolist() == [[0, 0, 3], [-1, 0, 0]]
 
 
-def make_dqn(*, double=False, target_tau=None):
+def make_dqn(*, learner=FusedDqn, **switches):
     """Observation x >= 0 has the values (x, 3x)."""
     network = build_network(NetworkConfig(hidden=(1,)), n_features=1, n_actions=2, seed=0)
     import_parameters(
@@ -66,14 +72,8 @@ def make_dqn(*, double=False, target_tau=None):
             "q.bias": np.array([0, 0], np.float32),
         },
     )
-    config = DqnConfig(
-        learning_rate=0.1,
-        batch_size=1,
-        learn_every_steps=1,
-        target_tau=target_tau,
-        double=double,
-    )
-    return FusedDqn(config, first_of(network))
+    config = DqnConfig(learning_rate=0.1, batch_size=1, learn_every_steps=1, **switches)
+    return learner(config, network if learner is Dqn else first_of(network))
 
 
 def one_transition(allowed=0b11):
@@ -108,7 +108,22 @@ def test_an_update_by_hand():
     assert state["target/q.bias"].tolist() == pytest.approx([0, -0.05])
 
 
-@pytest.mark.parametrize("double", [False, True])
+@pytest.mark.parametrize("learner", [FusedDqn, Dqn])
+def test_a_target_that_follows_once_an_episode_stays_until_then(learner):
+    dqn = make_dqn(learner=learner, target_tau=0.5, target_every="episode")
+    before = dqn.state()
+    dqn.update(one_transition())  # as above
+    state = dqn.state()
+    assert state["network/hidden.0.weight"].item() == pytest.approx(0.9)
+    for name in [name for name in state if name.startswith("target/")]:
+        assert state[name].tobytes() == before[name].tobytes()
+    dqn.follow(0.5)
+    state = dqn.state()
+    assert state["target/hidden.0.weight"].item() == pytest.approx(0.95)
+    assert state["target/q.bias"].tolist() == pytest.approx([0, -0.05])
+
+
+@pytest.mark.parametrize("double", [False, True, "reversed"])
 def test_targets_are_of_what_is_allowed(double):
     # Q(1, .) is (1, 3), and only the first may follow: target -1 + 0.5 * 1 = -0.5, and Q(2, 1) is 6
     assert make_dqn(double=double, target_tau=0.5).update(one_transition(0b01)).error_sizes.tolist() == [6.5]
@@ -122,9 +137,11 @@ def test_a_weight_scales_the_loss_and_its_gradient():
     assert metrics["gradient_norm"] == pytest.approx(5.5 * math.sqrt(4 + 1 + 36 + 9))
 
 
-@pytest.mark.parametrize(("double", "error"), [(False, 6 - 4), (True, 6 - 0.5)])
-def test_who_picks_the_action_of_the_target(double, error):
-    dqn = make_dqn(double=double, target_tau=0.01)
+@pytest.mark.parametrize("learner", [FusedDqn, Dqn])
+# Of the best, of the online network's best (action 1, a 3), of the target network's best (action 0, online a 1):
+@pytest.mark.parametrize(("double", "error"), [(False, 6 - 4), (True, 6 - 0.5), ("reversed", 6 + 0.5)])
+def test_who_picks_the_action_of_the_target(learner, double, error):
+    dqn = make_dqn(learner=learner, double=double, target_tau=0.01)
     state = dqn.state()
     state["target/q.weight"] = np.array([[10], [3]], np.float32)  # best is action 0; online it is action 1
     dqn.restore(state)

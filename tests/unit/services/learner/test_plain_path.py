@@ -95,7 +95,9 @@ def assert_same_weights(plain, fast):
 
 
 @pytest.mark.parametrize("kind", ["plain", "dueling"])
-@pytest.mark.parametrize("switches", [{}, {"target_tau": 0.1}, {"target_tau": 0.1, "double": True}])
+@pytest.mark.parametrize(
+    "switches", [{}, *({"target_tau": 0.1, "double": double} for double in (False, True, "reversed"))]
+)
 def test_action_values_are_learned_as_on_the_fast_path(kind, switches):
     network = build_network(NetworkConfig(kind=kind, hidden=(32, 20)), FEATURES, ACTIONS, seed=1)
     config = DqnConfig(learning_rate=0.003, batch_size=SIZE, learn_every_steps=1, **switches)

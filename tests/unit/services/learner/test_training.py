@@ -1,6 +1,7 @@
 """The trainer: when it learns, and that it goes on after a restore."""
 
 import hashlib
+import itertools
 
 import numpy as np
 import pytest
@@ -23,9 +24,12 @@ VARIANTS = {
     "ddqn": {"kind": "plain"},
     "dddqn": {},
     "classic double": {"double": True},
+    "reversed double": {"double": "reversed"},
+    "target an episode": {"target_every": "episode"},
     "prioritized": {"replay": "prioritized"},
     "drqn": {"kind": "recurrent"},
     "drqn prioritized": {"kind": "recurrent", "replay": "prioritized"},
+    "drqn reversed double, target an episode": {"kind": "recurrent", "double": "reversed", "target_every": "episode"},
 }
 
 
@@ -92,7 +96,8 @@ def test_a_transition_takes_part_in_the_update_of_the_step_that_completes_it():
 @settings(deadline=None, max_examples=30)
 @given(st.integers(0, 10_000), st.lists(st.sets(st.integers(1, STEPS - 1), max_size=6), min_size=3, max_size=3))
 def test_it_does_not_matter_where_episodes_are_cut(number, places):
-    whole, parts = make_trainer(replay="prioritized"), make_trainer(replay="prioritized")
+    changes = {"replay": "prioritized", "target_every": ("update", "episode")[number % 2]}
+    whole, parts = make_trainer(**changes), make_trainer(**changes)
     for episode, cuts in enumerate(places, start=number):
         told = whole.train(make_episode(episode))
         fragments = [parts.train(fragment) for fragment in cut(make_episode(episode), cuts)]
@@ -101,9 +106,29 @@ def test_it_does_not_matter_where_episodes_are_cut(number, places):
     assert_same_state(whole.state(), parts.state())
 
 
+@pytest.mark.parametrize("kind", ["recurrent", "dueling"])
+@pytest.mark.parametrize("every", ["update", "episode"])
+def test_a_target_follows_after_updates_or_at_the_end_of_episodes(kind, every):
+    trainer = make_trainer(kind=kind, target_every=every, target_tau=0.5)
+    targets = [target_of(trainer)]
+    for fragment in (*cut(make_episode(1), [9, 20, 31]), make_episode(2)):
+        trainer.train(fragment)
+        targets.append(target_of(trainer))
+    changed = [not np.array_equal(*pair) for pair in itertools.pairwise(targets)]
+    assert changed == ([True] * 5 if every == "update" else [False, False, False, True, True])
+    network, target = (trainer.state()[f"algorithm/{part}/value.bias"] for part in ("network", "target"))
+    assert not np.array_equal(network, target)
+
+
+def target_of(trainer):
+    return trainer.state()["algorithm/target/hidden.0.weight"]
+
+
+@pytest.mark.parametrize("every", ["update", "episode"])
 @pytest.mark.parametrize("after", [1, 2, 3])
-def test_a_trainer_restored_within_an_episode_goes_on_with_the_same_bits(after):
-    straight, restored = make_trainer(replay="prioritized"), make_trainer(replay="prioritized")
+def test_a_trainer_restored_within_an_episode_goes_on_with_the_same_bits(after, every):
+    changes = {"replay": "prioritized", "target_every": every}
+    straight, restored = make_trainer(**changes), make_trainer(**changes)
     straight.train(make_episode(0))
     fragments = cut(make_episode(1), [9, 20, 31])
     for fragment in fragments[:after]:
