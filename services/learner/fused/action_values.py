@@ -26,7 +26,7 @@ LOSS, MEAN_Q, TD_ERROR, NORM = range(4)  # places in metrics
 def action_values(sums: _Floats, dueling: bool, q: _Floats) -> None:
     """Fill q [A] from what the head gives."""
     if dueling:
-        join_heads(sums, q)
+        join_heads(sums[0], sums[1:], q)
     else:
         for action in range(len(q)):
             q[action] = sums[action]

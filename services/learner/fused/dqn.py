@@ -8,7 +8,7 @@ import numpy as np
 from common.policy.first_weights import FirstNetwork
 from common.policy.packing import Layout
 from common.rules.values import DqnConfig
-from services.learner.fused import action_values
+from services.learner.fused import action_values, values_apart
 from services.learner.fused.packed import TARGET, VALUES, Packed, Training
 from services.learner.sparse import sparse_rows
 from services.learner.training import Batch, Update
@@ -74,6 +74,16 @@ class FusedDqn(FusedValues):
         heads = {"value": 1, "advantage": network.n_actions} if dueling else {"q": network.n_actions}
         stack = Packed(network.n_features, {"hidden": network.config.hidden}, heads)
         super().__init__(config, network, [stack], partial(action_values.update, stack.widths, dueling))
+
+
+class FusedApart(FusedValues):
+    """For networks of the kind `dueling-apart`."""
+
+    def __init__(self, config: DqnConfig, network: FirstNetwork) -> None:
+        hidden, heads = network.config.hidden, {"advantage": network.n_actions, "value": 1}
+        stacks = [Packed(network.n_features, {f"{head}_hidden": hidden}, {head: heads[head]}) for head in heads]
+        widths = np.stack([stack.widths for stack in stacks])
+        super().__init__(config, network, stacks, partial(values_apart.update, widths))
 
 
 def roles(config: DqnConfig) -> tuple[int, int]:

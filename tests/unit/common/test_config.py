@@ -108,7 +108,11 @@ def complaint(data):
             "sample",
             "evaluation.mode sample: action values give no probabilities to sample, make it greedy",
         ),
-        ("network.kind", "actor-critic", "network.kind: input should be 'plain' or 'dueling', not 'actor-critic'"),
+        (
+            "network.kind",
+            "actor-critic",
+            "network.kind: input should be 'plain', 'dueling' or 'dueling-apart', not 'actor-critic'",
+        ),
         ("ppo", {"learning_rate": 1, "epochs": 1}, "ppo: rule dqn has no use for it, leave it out"),
         ("sil", {"epochs": 1, "batch_size": 1}, "sil: rule dqn has no use for it, leave it out"),
         (

@@ -409,7 +409,11 @@ def test_settings_come_back_flat(data):
         ("ppo", {"fragment_steps": 3}, "fragment_steps: rule ppo has no use for it, leave it out"),
         ("ppo", {"network": "dueling"}, "network.kind: input should be 'actor-critic' or 'exits', not 'dueling'"),
         ("dddqn", {"sil": {"epochs": 3}}, "sil: rule dqn has no use for it, leave it out"),
-        ("dddqn", {"network": "recurrent"}, "network.kind: input should be 'plain' or 'dueling', not 'recurrent'"),
+        (
+            "dddqn",
+            {"network": "recurrent"},
+            "network.kind: input should be 'plain', 'dueling' or 'dueling-apart', not 'recurrent'",
+        ),
         ("dddqn", {"replay": {"alpha": 0.3}}, "unknown key replay.alpha: known are capacity, kind"),
         ("dddqn", {"replay": "priority"}, "replay.kind: unknown 'priority': known are 'uniform', 'prioritized'"),
         ("drqn", {"network": "dueling"}, "network.kind: input should be 'recurrent', not 'dueling'"),

@@ -67,7 +67,8 @@ def test_a_rule_has_a_network_of_its_own_kind():
         "ppor": "actor-critic",
         "sil": "actor-critic",
     }
-    assert settings("dqn", {"network": {"kind": "dueling"}}).network.kind == "dueling"
+    for kind in ("dueling", "dueling-apart"):
+        assert settings("dqn", {"network": {"kind": kind}}).network.kind == kind
 
 
 def test_a_rule_answers_what_the_rest_asks():
@@ -105,8 +106,14 @@ def test_settings_come_back_from_plain_data(rule):
 @pytest.mark.parametrize(
     ("rule", "key", "value", "text"),
     [
-        ("dqn", "network.kind", "recurrent", "network.kind: input should be 'plain' or 'dueling', not 'recurrent'"),
+        (
+            "dqn",
+            "network.kind",
+            "recurrent",
+            "network.kind: input should be 'plain', 'dueling' or 'dueling-apart', not 'recurrent'",
+        ),
         ("drqn", "network.kind", "dueling", "network.kind: input should be 'recurrent', not 'dueling'"),
+        ("drqn", "network.kind", "dueling-apart", "network.kind: input should be 'recurrent', not 'dueling-apart'"),
         ("ppo", "network.kind", "plain", "network.kind: input should be 'actor-critic' or 'exits', not 'plain'"),
         (
             "ppo",

@@ -10,7 +10,7 @@ from made_networks import first_of
 from common.policy.networks import build_network, import_parameters
 from common.rules.settings import NetworkConfig
 from common.rules.values import DqnConfig
-from services.learner.fused.dqn import FusedDqn
+from services.learner.fused.dqn import FusedApart, FusedDqn
 from services.learner.textbook.allowing import allowed_only
 from services.learner.textbook.dqn import Dqn, double_q_target, error_gradient, q_target, soft_update
 from services.learner.training import Batch
@@ -128,6 +128,42 @@ def test_targets_are_of_what_is_allowed(double):
     # Q(1, .) is (1, 3), and only the first may follow: target -1 + 0.5 * 1 = -0.5, and Q(2, 1) is 6
     assert make_dqn(double=double, target_tau=0.5).update(one_transition(0b01)).error_sizes.tolist() == [6.5]
     assert make_dqn(double=double, target_tau=0.5).update(one_transition(0b10)).error_sizes.tolist() == [5.5]
+
+
+ONE = np.ones((1, 1), np.float32)
+APART = {  # observation x >= 0 has the advantages (x, 3x) and the value 2x: action values (x, 3x), too
+    "advantage_hidden.0.weight": ONE,
+    "advantage_hidden.0.bias": np.zeros(1, np.float32),
+    "advantage.weight": np.array([[1], [3]], np.float32),
+    "advantage.bias": np.zeros(2, np.float32),
+    "value_hidden.0.weight": 2 * ONE,
+    "value_hidden.0.bias": np.zeros(1, np.float32),
+    "value.weight": ONE,
+    "value.bias": np.zeros(1, np.float32),
+}
+
+
+@pytest.mark.parametrize("learner", [FusedApart, Dqn])
+def test_an_update_of_networks_that_share_nothing_by_hand(learner):
+    network = build_network(NetworkConfig(kind="dueling-apart", hidden=(1,)), n_features=1, n_actions=2, seed=0)
+    import_parameters(network, APART)
+    config = DqnConfig(learning_rate=0.1, batch_size=1, learn_every_steps=1, target_tau=0.5)
+    dqn = learner(config, network if learner is Dqn else first_of(network))
+    error_sizes, metrics = dqn.update(one_transition())
+    assert error_sizes.tolist() == [5.5]  # as above
+    # dloss/dq = 11 reaches value.bias as it is, value.weight times 4, the hidden bias times 1, its weight times 2; the
+    # advantages' biases times -1/2 and 1/2, their weights times 2 of that, the hidden bias times (3 - 1)/2, its weight
+    # times 2 of that.
+    by_value, by_advantages = (1, 4, 1, 2), (1 / 2, 1 / 2, 1, 1, 1, 2)
+    expected = 11 * math.sqrt(sum(x * x for x in (*by_value, *by_advantages)))
+    assert metrics["gradient_norm"] == pytest.approx(expected)
+    state = dqn.state()
+    moved = {name: state[f"network/{name}"] - array for name, array in APART.items()}
+    assert moved["advantage.weight"].flatten().tolist() == pytest.approx([0.1, -0.1], rel=1e-5)
+    for name in ("advantage_hidden.0.weight", "value_hidden.0.bias", "value_hidden.0.weight", "value.weight"):
+        assert moved[name].item() == pytest.approx(-0.1, rel=1e-5)
+    for name, array in APART.items():  # the target of both has gone half the way
+        np.testing.assert_allclose(state[f"target/{name}"], array + moved[name] / 2, rtol=1e-5)
 
 
 def test_a_weight_scales_the_loss_and_its_gradient():

@@ -23,6 +23,7 @@ VARIANTS = {
     "dqn": {"target_tau": None, "kind": "plain"},
     "ddqn": {"kind": "plain"},
     "dddqn": {},
+    "dddqn apart": {"kind": "dueling-apart", "double": True},
     "classic double": {"double": True},
     "reversed double": {"double": "reversed"},
     "target an episode": {"target_every": "episode"},
