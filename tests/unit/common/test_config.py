@@ -299,10 +299,8 @@ def test_no_more_evaluation_levels_than_are_kept_from_training():
 
 # Configurations of earlier versions
 
-LATER = {
-    "anchor_weight": 0.0,
-    "target_every": "update",
-}  # keys of sections that are newer, with values that change nothing
+# Keys of sections that are newer, with values that change nothing:
+LATER = {"anchor_weight": 0.0, "target_every": "update"}
 
 
 @pytest.mark.parametrize("path", sorted(SAVED.glob("*.yaml")), ids=lambda path: path.stem)

@@ -224,6 +224,16 @@ def test_a_name_is_short_for_the_kind_of_a_section():
     assert spelled_out({"replay": "prioritized"}, "ppo") == {"replay": "prioritized"}  # nor has ppo a replay
 
 
+@pytest.mark.parametrize("said", ["true", "false", "reversed"])
+def test_readings_of_the_study_are_chosen_by_settings_and_come_back_from_files(said):
+    sets = parse_sets([f"dqn.double={said}", "dqn.target_every=episode", "network=dueling-apart"])
+    config = resolve(sets | {"algorithm": "dddqn"})
+    assert config.learning.dqn.double == yaml.safe_load(said)
+    assert config.learning.dqn.share_an_episode == config.learning.dqn.target_tau
+    assert config.learning.network.kind == "dueling-apart"
+    assert parse_config(yaml.safe_load(yaml.safe_dump(config.plain()))) == config
+
+
 def test_short_forms_make_runs():
     config = resolve({"algorithm": "dqn", "replay": "prioritized", "observation": "global", "reward": "delay"})
     assert (config.learning.replay.kind, config.learning.replay.capacity) == ("prioritized", 50000)
