@@ -6,7 +6,7 @@ Names and shapes are those of the modules of torch, which take these weights ove
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -48,23 +48,19 @@ def first_values(config: NetworkConfig, n_features: int, n_actions: int, seed: i
     """
     rng = np.random.Generator(np.random.Philox(key=stream_key(seed, 0, "network")))
     widths = (n_features, *config.hidden)
-    heads = {"value": 1, "advantage": n_actions} if config.kind == "dueling" else {"q": n_actions}
-    layers = [*_named("hidden", widths), *((name, widths[-1], width) for name, width in heads.items())]
+    if config.kind == "dueling-apart":
+        layers = _apart(widths, {"advantage": n_actions, "value": 1})
+    else:
+        heads = {"value": 1, "advantage": n_actions} if config.kind == "dueling" else {"q": n_actions}
+        layers = [*_named("hidden", widths), *((name, widths[-1], width) for name, width in heads.items())]
     return FirstNetwork(n_features, n_actions, config, _uniform_layers(layers, rng))
 
 
 def first_actor_critic(config: NetworkConfig, n_features: int, n_actions: int, seed: int) -> FirstNetwork:
     """That of an `ActorCritic`: orthogonal, with the gains that it names; biases are zero."""
-    widths = (n_features, *config.hidden)
-    halves = (("actor", n_actions, ACTOR_GAIN), ("critic", 1, CRITIC_GAIN))
-    layers = [
-        layer
-        for half, width, gain in halves
-        for layer in (
-            *((*named, HIDDEN_GAIN) for named in _named(f"{half}_hidden", widths)),
-            (half, widths[-1], width, gain),
-        )
-    ]
+    gains = {"actor": ACTOR_GAIN, "critic": CRITIC_GAIN}
+    apart = _apart((n_features, *config.hidden), {"actor": n_actions, "critic": 1})
+    layers = [(*layer, gains.get(layer[0], HIDDEN_GAIN)) for layer in apart]
     return FirstNetwork(n_features, n_actions, config, _orthogonal_layers(layers, seed))
 
 
@@ -97,6 +93,12 @@ def first_recurrent(config: NetworkConfig, n_features: int, n_actions: int, seed
 def _named(name: str, widths: Sequence[int]) -> Iterator[tuple[str, int, int]]:
     """The layers of a stack: name, inputs, outputs."""
     return ((f"{name}.{number}", *pair) for number, pair in enumerate(itertools.pairwise(widths)))
+
+
+def _apart(widths: Sequence[int], heads: Mapping[str, int]) -> list[tuple[str, int, int]]:
+    """The layers of stacks that share nothing, each with a head of its own."""
+    stacks = {head: _named(f"{head}_hidden", widths) for head in heads}
+    return [layer for head, width in heads.items() for layer in (*stacks[head], (head, widths[-1], width))]
 
 
 def _orthogonal_layers(layers: Sequence[tuple[str, int, int, float]], seed: int) -> Weights:

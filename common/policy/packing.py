@@ -8,6 +8,7 @@ up to whole blocks with zeros. In order:
 |---|---|
 | plain | hidden layers, head of action values |
 | dueling | hidden layers, head of V and advantages |
+| dueling-apart | the advantages' hidden layers, their head, V's hidden layers, its head |
 | actor-critic | the actor's hidden layers, head of logits, the critic's hidden layers, head of V |
 | recurrent | weights of the LSTM's inputs, of its hidden state, two biases, then hidden layers and head as dueling |
 | exits | exit, row, query, shared hidden layers, head of one exit's logit, pooled, head of the other logits and V |
@@ -28,14 +29,15 @@ from numpy.typing import NDArray
 from common.policy.exit_layers import Layer, exit_layers
 from common.policy.flat import Arrays, Order, Place, even
 
-Kind = Literal["plain", "dueling", "actor-critic", "recurrent", "exits"]
-PLAIN, DUELING, ACTOR_CRITIC, RECURRENT, EXITS = range(5)
+Kind = Literal["plain", "dueling", "actor-critic", "recurrent", "exits", "dueling-apart"]
+PLAIN, DUELING, ACTOR_CRITIC, RECURRENT, EXITS, DUELING_APART = range(6)
 KINDS: dict[Kind, int] = {
     "plain": PLAIN,
     "dueling": DUELING,
     "actor-critic": ACTOR_CRITIC,
     "recurrent": RECURRENT,
     "exits": EXITS,
+    "dueling-apart": DUELING_APART,
 }
 POLICIES = ("actor-critic", "exits")  # kinds whose outputs are logits and the state's value
 BLOCK = 8  # columns of a head that are summed together; a head's width is a multiple of it
@@ -73,8 +75,9 @@ class Layout:
         hidden, features, places = self.hidden, self.n_features, _Places()
         if self.kind == "exits":
             places.add_exits(exit_layers(hidden))
-        elif self.kind == "actor-critic":
-            for part, width in {"actor": self.n_actions, "critic": 1}.items():
+        elif self.kind in ("actor-critic", "dueling-apart"):
+            actions, state = ("actor", "critic") if self.kind == "actor-critic" else ("advantage", "value")
+            for part, width in {actions: self.n_actions, state: 1}.items():
                 places.add_stack(f"{part}_hidden", (features, *hidden))
                 places.add_layer(hidden[-1], {part: width}, padded(width))
         else:

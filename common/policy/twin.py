@@ -8,7 +8,7 @@ from common.kernel import bare_kernel, kernel
 from common.policy.arithmetic import sigmoid, tanh
 from common.policy.exits_twin import exits_room, forward_exits
 from common.policy.layers import add_rows, nonzeros, perceptron
-from common.policy.packing import ACTOR_CRITIC, BLOCK, EXITS, GATES, HEADER_WIDTHS, PLAIN, RECURRENT
+from common.policy.packing import ACTOR_CRITIC, BLOCK, DUELING, DUELING_APART, EXITS, GATES, HEADER_WIDTHS, RECURRENT
 
 _Floats = NDArray[np.float32]
 _Ints = NDArray[np.int64]
@@ -27,14 +27,14 @@ def workspace_size(header: _Ints) -> int:
 
 
 @bare_kernel
-def join_heads(sums: _Floats, out: _Floats) -> None:
-    """Action values [A] from V and the advantages [1 + A]: `Q = V + A - mean(A)`."""
+def join_heads(value: np.float32, advantages: _Floats, out: _Floats) -> None:
+    """Action values [A] from V and the advantages [at least A], which may be `out`: `Q = V + A - mean(A)`."""
     total = _ZERO
     for action in range(len(out)):
-        total += sums[1 + action]
+        total += advantages[action]
     mean = total / np.float32(len(out))
     for action in range(len(out)):
-        out[action] = (sums[0] + sums[1 + action]) - mean
+        out[action] = (value + advantages[action]) - mean
 
 
 @bare_kernel
@@ -106,17 +106,20 @@ def forward_row(
     else:
         offset, n_in, layers = 0, n_features, HEADER_WIDTHS
     smooth = kind == ACTOR_CRITIC
-    n_outputs = n_actions if kind in (PLAIN, ACTOR_CRITIC) else n_actions + 1
+    n_outputs = n_actions + 1 if kind in (DUELING, RECURRENT) else n_actions
     end = perceptron(header, layers, parameters, offset, n_in, n_outputs, smooth, places, values, count, sums)
     if n_outputs > n_actions:
-        join_heads(sums, out)
+        join_heads(sums[0], sums[1:], out)
         return
     for action in range(n_actions):
         out[action] = sums[action]
-    if kind == ACTOR_CRITIC:
+    if kind in (ACTOR_CRITIC, DUELING_APART):
         count = nonzeros(x, places, values)
-        perceptron(header, layers, parameters, end, n_features, 1, True, places, values, count, sums)
-        out[n_actions] = sums[0]
+        perceptron(header, layers, parameters, end, n_features, 1, smooth, places, values, count, sums)
+        if kind == ACTOR_CRITIC:
+            out[n_actions] = sums[0]
+        else:
+            join_heads(sums[0], out, out)
 
 
 @kernel

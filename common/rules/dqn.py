@@ -7,9 +7,12 @@ from common.rules.values import ValueSettings
 
 
 class QNetworkConfig(NetworkConfig):
-    """Hidden layers, then action values, or a value and advantages (Wang et al. 2016)."""
+    """Hidden layers, then action values, or a value and advantages (Wang et al. 2016).
 
-    kind: Literal["plain", "dueling"] = "plain"
+    Of `dueling-apart` value and advantages have hidden layers each, as in section 4.2 of the study.
+    """
+
+    kind: Literal["plain", "dueling", "dueling-apart"] = "plain"
 
 
 class Settings(ValueSettings):

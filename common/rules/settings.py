@@ -17,7 +17,7 @@ class NetworkConfig(Strict):
     A rule with a torch module of its own has a section of its own here.
     """
 
-    kind: Literal["plain", "dueling", "recurrent", "actor-critic", "exits"] = "plain"
+    kind: Literal["plain", "dueling", "dueling-apart", "recurrent", "actor-critic", "exits"] = "plain"
     hidden: Widths = (128, 128)
 
 

@@ -16,16 +16,31 @@ class DqnConfig(Strict):
     learning_rate: Positive
     batch_size: int = Field(ge=1, le=65536)
     learn_every_steps: int = Field(ge=1)  # environment steps between two updates
-    target_tau: Share | None = None  # share of the online network that the target takes per update; None: no target
-    double: bool = False  # the online network picks, the target network scores (van Hasselt et al. 2016)
+    target_tau: Share | None = None  # share of the online network that the target takes at a time; None: no target
+    target_every: Literal["update", "episode"] = "update"  # after each, or at its end
+    # The online network picks, the target network scores (van Hasselt et al. 2016), or the other way round:
+    double: Literal[False, True, "reversed"] = False
     # From a train's decision to its next one, or, as the study writes it, to the next step, whether it decides there:
     transitions: Literal["span", "step"] = "span"
 
     @model_validator(mode="after")
-    def _double_has_a_target(self) -> Self:
-        if self.double and self.target_tau is None:
-            raise ValueError("double needs a target network: set target_tau")
+    def _what_needs_a_target_has_one(self) -> Self:
+        if self.target_tau is None:
+            if self.double:
+                raise ValueError("double needs a target network: set target_tau")
+            if self.target_every == "episode":
+                raise ValueError("target_every episode needs a target network: set target_tau")
         return self
+
+    @property
+    def share_an_update(self) -> float:
+        """What the target network takes of the online one after each update; 0: nothing."""
+        return (self.target_tau or 0) if self.target_every == "update" else 0
+
+    @property
+    def share_an_episode(self) -> float:
+        """What it takes at the end of each episode."""
+        return (self.target_tau or 0) if self.target_every == "episode" else 0
 
 
 class ExplorationConfig(Strict):

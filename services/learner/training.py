@@ -54,6 +54,9 @@ class ValueMethod(Protocol):
     def update(self, batch: Batch) -> Update:
         """Learn from a batch."""
 
+    def follow(self, share: float) -> None:
+        """Move the target network a share towards the online one."""
+
     def weights(self) -> Arrays:
         """A copy of the parameters to act with."""
 
@@ -81,7 +84,8 @@ class ValueTrainer:
         """Add the transitions that an episode, or its next fragment, completes; make the updates that fall due.
 
         An update falls due every `learn_every_steps` environment steps, counted across episodes, and is left out as
-        long as the replay holds less than a batch.
+        long as the replay holds less than a batch. With `target_every: episode` the target network follows when all
+        updates of an episode are made.
 
         Returns:
             `updates` and `transitions`, how many there were; the metrics of the replay; and, if there were updates, the
@@ -116,6 +120,8 @@ class ValueTrainer:
         if course.over:
             self._counters["episodes"] += 1
             self._replay.temper(self._progress)
+            if self._config.share_an_episode:
+                self._method.follow(self._config.share_an_episode)
         return {
             "updates": float(len(metrics)),
             "transitions": float(len(new)),

@@ -79,6 +79,7 @@ METHODS = {
     "ddqn": {},
     "dddqn": {"kind": "dueling"},
     "classic double": {"kind": "dueling", "double": True},
+    "the study's double, dueling apart": {"kind": "dueling-apart", "double": "reversed"},
     "drqn": {"rule": "drqn", "kind": "recurrent", "sequence_decisions": 3},
 }
 

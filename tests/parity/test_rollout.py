@@ -20,6 +20,7 @@ ENGINES = ("compiled", "flatland")
 BUILDS = {
     "plain": build_network,
     "dueling": build_network,
+    "dueling-apart": build_network,
     "recurrent": build_recurrent_network,
     "actor-critic": build_actor_critic,
 }

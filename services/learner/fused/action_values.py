@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from common.kernel import bare_kernel, kernel
 from common.policy.twin import join_heads
 from services.learner.fused.adam import corrections
-from services.learner.fused.packed import GRADIENT, MEAN, SQUARE, TARGET, VALUES
+from services.learner.fused.packed import GRADIENT, MEAN, SQUARE, TARGET, VALUES, follow
 from services.learner.fused.perceptron import descend, gradients, head, mark, norm, outputs, room_for
 
 _Floats = NDArray[np.float32]
@@ -26,7 +26,7 @@ LOSS, MEAN_Q, TD_ERROR, NORM = range(4)  # places in metrics
 def action_values(sums: _Floats, dueling: bool, q: _Floats) -> None:
     """Fill q [A] from what the head gives."""
     if dueling:
-        join_heads(sums, q)
+        join_heads(sums[0], sums[1:], q)
     else:
         for action in range(len(q)):
             q[action] = sums[action]
@@ -57,13 +57,6 @@ def spread_gradient(by_q: np.float32, action: int, n_actions: int, dueling: bool
         by_sums[1 + action] += by_q
     else:
         by_sums[action] = by_q
-
-
-@bare_kernel
-def follow(target: _Floats, online: _Floats, share: np.float32) -> None:
-    """Move `target` [n] a share towards `online`."""
-    for i in range(len(target)):
-        target[i] += share * (online[i] - target[i])
 
 
 @bare_kernel
@@ -121,18 +114,19 @@ def step(
     width: int, seen: NDArray[np.bool_], arrays: _Floats, learning_rate: float, tau: np.float32, steps: int,
     lanes: _Floats, metrics: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """A step of Adam along the gradients, and one of the target network if there is one; `width` as of `descend`."""
+    """A step of Adam along the gradients, and one of the target network if it has a share; `width` as of `descend`."""
     gradient = arrays[GRADIENT]
     metrics[NORM] = norm(gradient, lanes)
     rate, inverse_root = corrections(learning_rate, steps + 1)
     descend(width, seen, arrays[VALUES], gradient, arrays[MEAN], arrays[SQUARE], np.float32(1), rate, inverse_root)
-    if len(arrays) > TARGET:
+    if tau > 0:
         follow(arrays[TARGET], arrays[VALUES], tau)
 
 
 @kernel
 def update(
     widths: _Ints,
+    dueling: bool,
     arrays: _Floats,
     seen: NDArray[np.bool_],
     starts_tm1: _Ints,
@@ -142,8 +136,8 @@ def update(
     columns_t: _Ints,
     values_t: _Floats,
     n_actions: int,
-    dueling: bool,
-    double: bool,
+    picking: int,
+    scoring: int,
     action_tm1: _Ints,
     reward_t: _Floats,
     discount_t: _Floats,
@@ -159,6 +153,7 @@ def update(
 
     Args:
         widths: [layers + 1].
+        dueling: whether the head is of a value and advantages.
         arrays: [5, P], see `packed`; [4, P] if the network is its own target.
         seen: [F].
         starts_tm1: of the observations before the transitions, see `services.learner.sparse`.
@@ -168,15 +163,15 @@ def update(
         columns_t: of the same.
         values_t: of the same.
         n_actions: A.
-        dueling: whether the head is of a value and advantages.
-        double: whether the online network picks the action that the target network scores.
+        picking: the row of `arrays` whose network picks the actions of targets.
+        scoring: that of the network that scores them.
         action_tm1: [B], at least one.
         reward_t: [B].
         discount_t: [B].
         allowed_t: [B], the actions that targets may be of, a bit each.
         weights: [B], of the squared errors.
         learning_rate: of Adam.
-        tau: the share that the target network takes of the online one.
+        tau: the share that the target network takes of the online one; 0: it stays as it is.
         steps: that Adam has made before.
         error_sizes: [B], overwritten.
         metrics: [4], overwritten; the places are named above.
@@ -188,10 +183,11 @@ def update(
     sums, by_sums = room.outs[begin:end], room.gradients[begin:end]
     online = arrays[VALUES]
     q, picked, targets = np.empty(n_actions, np.float32), np.empty(rows, np.int64), np.empty(rows, np.float32)
+    double = picking != scoring
     if double:
-        outputs(widths, online, t, rows, False, room)
+        outputs(widths, arrays[picking], t, rows, False, room)
         pick(sums, dueling, q, allowed_t, picked)
-    outputs(widths, arrays[TARGET] if len(arrays) > TARGET else online, t, rows, False, room)
+    outputs(widths, arrays[scoring], t, rows, False, room)
     score(sums, dueling, q, double, picked, reward_t, discount_t, allowed_t, targets)
     mark(starts_tm1, columns_tm1, seen)
     outputs(widths, online, tm1, rows, False, room)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from common.kernel import bare_kernel, kernel
 from services.learner.fused.adam import corrections
 from services.learner.fused.packed import GRADIENT, MEAN, SQUARE, VALUES
-from services.learner.fused.perceptron import Room, descend, gradients, head, length, mark, norm, outputs, room_for
+from services.learner.fused.perceptron import Room, descend, gradients, head, mark, norm, outputs, part_of, room_for
 from services.learner.fused.policy_losses import anchor_loss, cloning_loss, imitation_loss, ppo_loss
 from services.learner.fused.tile import WIDTH
 
@@ -22,13 +22,6 @@ _Doubles = NDArray[np.float64]
 _Ints = NDArray[np.int64]
 _Rows = tuple[_Ints, _Ints, _Floats]
 NORM, LOSS = -2, -1  # places in a row of metrics
-
-
-@bare_kernel
-def part_of(widths: _Ints, part: int) -> tuple[int, int]:
-    """Where the arrays of actor or critic begin and end."""
-    end = length(widths[0])
-    return (0, end) if part == 0 else (end, end + length(widths[1]))
 
 
 @bare_kernel

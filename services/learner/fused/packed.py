@@ -145,6 +145,10 @@ class Training:
     def steps(self, steps: int) -> None:
         self._steps[()] = steps
 
+    def follow(self, share: float) -> None:
+        """Move the target network, which there is, a share towards the one that learns."""
+        follow(self.arrays[TARGET], self.arrays[VALUES], np.float32(share))
+
     def weights(self) -> Flat:
         """A copy of the parameters, by their names in the module of torch, in the order of the twin."""
         flat = np.empty(self._order.size, np.float32)
@@ -204,6 +208,13 @@ def pieces(places: Mapping[str, NDArray[np.int32]], order: Order) -> NDArray[np.
     follows = np.where(sources[:-1] < 0, sources[1:] < 0, sources[1:] == sources[:-1] + 1)
     begins = np.concatenate(([0], 1 + np.flatnonzero(~follows)))
     return np.stack((sources[begins].astype(np.int64), np.diff(begins, append=order.size)), 1)
+
+
+@bare_kernel
+def follow(target: NDArray[np.float32], online: NDArray[np.float32], share: np.float32) -> None:
+    """Move `target` [n] a share towards `online`."""
+    for i in range(len(target)):
+        target[i] += share * (online[i] - target[i])
 
 
 @bare_kernel

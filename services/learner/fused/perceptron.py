@@ -73,6 +73,13 @@ def length(widths: _Ints) -> int:
 
 
 @bare_kernel
+def part_of(widths: _Ints, part: int) -> tuple[int, int]:
+    """Where the parameters of one of two stacks, of these widths [2, layers + 1], begin and end."""
+    end = length(widths[0])
+    return (0, end) if part == 0 else (end, end + length(widths[1]))
+
+
+@bare_kernel
 def head(widths: _Ints, rows: int) -> int:
     """Where in `outs` and in `gradients` the part of the head begins."""
     return int(room_rows(rows) * widths[1:-1].sum())

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from common.kernel import bare_kernel, kernel
 from services.learner.fused.action_values import err, pick, score, step
-from services.learner.fused.packed import GRADIENT, TARGET, VALUES
+from services.learner.fused.packed import GRADIENT, VALUES
 from services.learner.fused.perceptron import Room, head, mark, room_for, upper_gradients, upper_outputs
 from services.learner.fused.recurrent import Line, Memory, line_up, memory_for, run, run_back
 
@@ -33,7 +33,6 @@ def update(
     widths: _Ints,
     n_gates: int,
     units: int,
-    sequence: int,
     arrays: _Floats,
     seen: NDArray[np.bool_],
     starts_tm1: _Ints,
@@ -43,7 +42,8 @@ def update(
     columns_t: _Ints,
     values_t: _Floats,
     n_actions: int,
-    double: bool,
+    picking: int,
+    scoring: int,
     action_tm1: _Ints,
     reward_t: _Floats,
     discount_t: _Floats,
@@ -57,10 +57,11 @@ def update(
 ) -> bool:
     """An update, unless its loss is not finite; returns whether it was made.
 
-    Args as of `action_values.update`, the head being dueling, and of `recurrent`: `widths[1]` is W, `n_gates` G,
-    `units` H, and `sequence` L. Rows are those of sequences [L, B].
+    Args as of `action_values.update`, the head being dueling, and of `recurrent`: `widths[1]` is W, `n_gates` G, and
+    `units` H. Rows are those of sequences [L, B].
     """
     rows = len(action_tm1)
+    sequence = (len(starts_tm1) - 1) // rows
     n_first = (widths[0] + widths[1] + 2) * n_gates
     room, memory = room_for(widths, rows), memory_for(sequence, rows, widths[1], n_gates)
     tm1, t = (starts_tm1, columns_tm1, values_tm1), (starts_t, columns_t, values_t)
@@ -69,11 +70,11 @@ def update(
     sums, by_sums = room.outs[begin:end], room.gradients[begin:end]
     online, gradient = arrays[VALUES], arrays[GRADIENT]
     q, picked, targets = np.empty(n_actions, np.float32), np.empty(rows, np.int64), np.empty(rows, np.float32)
+    double = picking != scoring
     if double:
-        look(widths, n_first, units, online, t, line_t, memory, room)
+        look(widths, n_first, units, arrays[picking], t, line_t, memory, room)
         pick(sums, True, q, allowed_t, picked)
-    scoring = arrays[TARGET] if len(arrays) > TARGET else online
-    look(widths, n_first, units, scoring, t, line_t, memory, room)
+    look(widths, n_first, units, arrays[scoring], t, line_t, memory, room)
     score(sums, True, q, double, picked, reward_t, discount_t, allowed_t, targets)
     mark(starts_tm1, columns_tm1, seen)
     look(widths, n_first, units, online, tm1, line_tm1, memory, room)

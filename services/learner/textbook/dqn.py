@@ -38,13 +38,14 @@ def q_target(r_t: Tensor, discount_t: Tensor, q_target_t: Tensor) -> Tensor:
 def double_q_target(r_t: Tensor, discount_t: Tensor, q_t: Tensor, q_target_t: Tensor) -> Tensor:
     """Target whose action the online net picks and the target net scores.
 
-    "Deep RL with Double Q-learning", van Hasselt et al., arXiv:1509.06461.
+    "Deep RL with Double Q-learning", van Hasselt et al., arXiv:1509.06461. The study's figure 2.11 has it the other way
+    round: there `q_t` is of the target net, and `q_target_t` of the online net.
 
     Args:
         r_t: [B].
         discount_t: [B].
-        q_t: [B, A], of the online net.
-        q_target_t: [B, A], of the target net.
+        q_t: [B, A], of the net that picks.
+        q_target_t: [B, A], of the net that scores.
 
     Returns:
         [B].
@@ -132,11 +133,15 @@ class Dqn:
         parameters = self.online.parameters
         gradient_norm = torch.linalg.vector_norm(parameters.flat_gradient).item()
         self._adam.step()
-        if self._config.target_tau is not None:
-            soft_update(self.target.parameters.flat, parameters.flat, self._config.target_tau)
+        if self._config.share_an_update:
+            self.follow(self._config.share_an_update)
         sizes = error.abs().numpy()
         metrics = {"loss": loss, "mean_q": taken.mean().item(), "td_error": float(sizes.mean(dtype=np.float64))}
         return Update(sizes, metrics | {"gradient_norm": gradient_norm})
+
+    def follow(self, share: float) -> None:
+        """Move the target network, which there is, a share towards the online one."""
+        soft_update(self.target.parameters.flat, self.online.parameters.flat, share)
 
     def targets(self, batch: TensorBatch, _tm1: SparseRows, t: SparseRows) -> Tensor:
         """What the values of the actions taken should have been [B]; `_tm1` and `t` are the batch's observations."""
@@ -144,6 +149,8 @@ class Dqn:
         if not self._config.double:
             return q_target(batch.reward_t, batch.discount_t, q_target_t)
         q_t = allowed_only(self.online.forward(t), batch.allowed_t)
+        if self._config.double == "reversed":
+            q_t, q_target_t = q_target_t, q_t
         return double_q_target(batch.reward_t, batch.discount_t, q_t, q_target_t)
 
     def weights(self) -> dict[str, NDArray[np.float32]]:

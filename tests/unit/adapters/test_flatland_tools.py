@@ -77,13 +77,14 @@ def trained(level, twin):
 NETWORKS = [
     (NetworkConfig(kind="dueling"), 0),
     (NetworkConfig(hidden=(64, 32)), 2),
+    (NetworkConfig(kind="dueling-apart", hidden=(64, 32)), 4),
     (NetworkConfig(kind="actor-critic"), 2),
     (NetworkConfig(kind="recurrent", hidden=(32, 16)), 3),
 ]
 
 
 @pytest.mark.parametrize(("difficulty", "index"), [("easy", 4), ("hard", 3), ("hard", 4)])
-@pytest.mark.parametrize(("network", "seed"), NETWORKS, ids=["dueling", "plain", "actor-critic", "recurrent"])
+@pytest.mark.parametrize(("network", "seed"), NETWORKS, ids=[network.kind for network, _ in NETWORKS])
 def test_trains_do_as_in_training_a_step_later(policy_of, tmp_path, difficulty, index, network, seed):
     level = LevelSupply().evaluation(difficulty, index)
     policy = policy_of(network=network, seed=seed)

@@ -224,6 +224,16 @@ def test_a_name_is_short_for_the_kind_of_a_section():
     assert spelled_out({"replay": "prioritized"}, "ppo") == {"replay": "prioritized"}  # nor has ppo a replay
 
 
+@pytest.mark.parametrize("said", ["true", "false", "reversed"])
+def test_readings_of_the_study_are_chosen_by_settings_and_come_back_from_files(said):
+    sets = parse_sets([f"dqn.double={said}", "dqn.target_every=episode", "network=dueling-apart"])
+    config = resolve(sets | {"algorithm": "dddqn"})
+    assert config.learning.dqn.double == yaml.safe_load(said)
+    assert config.learning.dqn.share_an_episode == config.learning.dqn.target_tau
+    assert config.learning.network.kind == "dueling-apart"
+    assert parse_config(yaml.safe_load(yaml.safe_dump(config.plain()))) == config
+
+
 def test_short_forms_make_runs():
     config = resolve({"algorithm": "dqn", "replay": "prioritized", "observation": "global", "reward": "delay"})
     assert (config.learning.replay.kind, config.learning.replay.capacity) == ("prioritized", 50000)
@@ -409,7 +419,11 @@ def test_settings_come_back_flat(data):
         ("ppo", {"fragment_steps": 3}, "fragment_steps: rule ppo has no use for it, leave it out"),
         ("ppo", {"network": "dueling"}, "network.kind: input should be 'actor-critic' or 'exits', not 'dueling'"),
         ("dddqn", {"sil": {"epochs": 3}}, "sil: rule dqn has no use for it, leave it out"),
-        ("dddqn", {"network": "recurrent"}, "network.kind: input should be 'plain' or 'dueling', not 'recurrent'"),
+        (
+            "dddqn",
+            {"network": "recurrent"},
+            "network.kind: input should be 'plain', 'dueling' or 'dueling-apart', not 'recurrent'",
+        ),
         ("dddqn", {"replay": {"alpha": 0.3}}, "unknown key replay.alpha: known are capacity, kind"),
         ("dddqn", {"replay": "priority"}, "replay.kind: unknown 'priority': known are 'uniform', 'prioritized'"),
         ("drqn", {"network": "dueling"}, "network.kind: input should be 'recurrent', not 'dueling'"),

@@ -32,7 +32,7 @@ def choosers(kind):
     return module, twin
 
 
-@pytest.mark.parametrize("kind", ["plain", "dueling", "actor-critic"])
+@pytest.mark.parametrize("kind", ["plain", "dueling", "dueling-apart", "actor-critic"])
 def test_a_module_plays_as_its_twin_on_both_engines(kind):
     module, twin = choosers(kind)
     level = LevelSupply().training("easy", 3)

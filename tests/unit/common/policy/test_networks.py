@@ -9,6 +9,7 @@ from common.rules.settings import NetworkConfig
 
 PLAIN = NetworkConfig(hidden=(4, 3))
 DUELING = NetworkConfig(hidden=(4, 3), kind="dueling")
+APART = NetworkConfig(hidden=(4, 3), kind="dueling-apart")
 
 
 def test_dueling_values_by_hand():
@@ -39,7 +40,18 @@ def test_dueling_forward_joins_its_heads():
     assert network(x).shape == (2, 5)
 
 
-@pytest.mark.parametrize("config", [PLAIN, DUELING])
+def test_dueling_networks_apart_share_nothing():
+    network = build_network(APART, 6, 5, seed=1)
+    x = torch.linspace(-1, 0, 12).reshape(2, 6)
+    advantage = network.advantage(torch.relu(network.advantage_hidden[1](torch.relu(network.advantage_hidden[0](x)))))
+    value = network.value(torch.relu(network.value_hidden[1](torch.relu(network.value_hidden[0](x)))))
+    assert torch.equal(network(x), dueling_values(value, advantage))
+    network(x).mean().backward()  # the mean of the advantages is taken off
+    gradients = {name: parameter.grad.abs().max().item() for name, parameter in network.named_parameters()}
+    assert all((gradient > 1e-6) == name.startswith("value") for name, gradient in gradients.items())
+
+
+@pytest.mark.parametrize("config", [PLAIN, DUELING, APART])
 def test_initialisation_is_a_function_of_the_seed_alone(config):
     before = torch.get_rng_state()
     first = export_parameters(build_network(config, 6, 5, seed=7))
@@ -63,7 +75,7 @@ def test_initialisation_follows_the_law_of_torch():
     assert abs(weight.std().item() - 0.1 / 3**0.5) < 0.001
 
 
-@pytest.mark.parametrize("config", [PLAIN, DUELING])
+@pytest.mark.parametrize("config", [PLAIN, DUELING, APART])
 def test_parameters_survive_the_way_out_and_in(config):
     source, target = build_network(config, 6, 5, seed=1), build_network(config, 6, 5, seed=2)
     exported = export_parameters(source)

@@ -67,7 +67,8 @@ def test_a_rule_has_a_network_of_its_own_kind():
         "ppor": "actor-critic",
         "sil": "actor-critic",
     }
-    assert settings("dqn", {"network": {"kind": "dueling"}}).network.kind == "dueling"
+    for kind in ("dueling", "dueling-apart"):
+        assert settings("dqn", {"network": {"kind": kind}}).network.kind == kind
 
 
 def test_a_rule_answers_what_the_rest_asks():
@@ -80,6 +81,15 @@ def test_a_rule_answers_what_the_rest_asks():
     assert [settings(rule).epsilon(0, 100) for rule in rules()] == [0.9, 0.9, 1, 0, 0, 0]
     assert settings("drqn").epsilon(50, 100) == pytest.approx(0.01)
     assert {settings(rule).module(12, 3, seed=1) for rule in rules()} == {None}
+
+
+@pytest.mark.parametrize(
+    ("switches", "shares"),
+    [({}, (0, 0)), ({"target_tau": 0.1}, (0.1, 0)), ({"target_tau": 0.1, "target_every": "episode"}, (0, 0.1))],
+)
+def test_a_target_follows_after_updates_or_at_the_end_of_episodes(switches, shares):
+    dqn = settings("dqn", {f"dqn.{name}": value for name, value in switches.items()}).dqn
+    assert (dqn.share_an_update, dqn.share_an_episode) == shares
 
 
 @pytest.mark.parametrize("rule", ["dqn", "drqn"])
@@ -98,8 +108,14 @@ def test_settings_come_back_from_plain_data(rule):
 @pytest.mark.parametrize(
     ("rule", "key", "value", "text"),
     [
-        ("dqn", "network.kind", "recurrent", "network.kind: input should be 'plain' or 'dueling', not 'recurrent'"),
+        (
+            "dqn",
+            "network.kind",
+            "recurrent",
+            "network.kind: input should be 'plain', 'dueling' or 'dueling-apart', not 'recurrent'",
+        ),
         ("drqn", "network.kind", "dueling", "network.kind: input should be 'recurrent', not 'dueling'"),
+        ("drqn", "network.kind", "dueling-apart", "network.kind: input should be 'recurrent', not 'dueling-apart'"),
         ("ppo", "network.kind", "plain", "network.kind: input should be 'actor-critic' or 'exits', not 'plain'"),
         (
             "ppo",
@@ -123,6 +139,15 @@ def test_settings_come_back_from_plain_data(rule):
             "step",
             "dqn.transitions step: the sequences of drqn lead from decision to decision, make it span",
         ),
+        ("dqn", "dqn.double", "reversed", "dqn: double needs a target network: set target_tau"),
+        ("dqn", "dqn.double", "reverse", "dqn.double: input should be False, True or 'reversed', not 'reverse'"),
+        (
+            "drqn",
+            "dqn.target_every",
+            "episode",
+            "dqn: target_every episode needs a target network: set target_tau",
+        ),
+        ("dqn", "dqn.target_every", 7, "dqn.target_every: input should be 'update' or 'episode', not 7"),
         ("dqn", "dqn.batch_size", 101, "dqn.batch_size 101 exceeds replay.capacity 100: make one fit the other"),
         ("dqn", "replay.alpha", 0.5, "unknown key replay.alpha: known are capacity, kind"),
         ("dqn", "replay.capacity", 0, "replay.capacity: input should be greater than or equal to 1, not 0"),

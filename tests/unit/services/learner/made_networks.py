@@ -1,16 +1,18 @@
-"""Networks of torch as what runs begin with."""
+"""Networks of torch as what runs begin with, and what learns them."""
 
 from common.policy.first_weights import FirstNetwork
 from common.policy.networks import QNetwork, export_parameters
 from common.policy.recurrent import RecurrentQNetwork
 from common.rules.settings import NetworkConfig
+from common.rules.values import DqnConfig
+from services.learner.fused.dqn import FusedApart, FusedDqn, FusedValues
 
 
 def first_of(network) -> FirstNetwork:
     """A copy of a network as it is."""
     if isinstance(network, QNetwork):
-        kind, hidden = "dueling" if network.dueling else "plain", network.hidden
-    elif isinstance(network, RecurrentQNetwork):
+        return FirstNetwork(network.n_features, network.n_actions, network.config, export_parameters(network))
+    if isinstance(network, RecurrentQNetwork):
         kind, hidden = "recurrent", network.hidden
     else:
         kind, hidden = "actor-critic", network.actor_hidden
@@ -19,3 +21,9 @@ def first_of(network) -> FirstNetwork:
         widths = (network.lstm.hidden_size, *widths)
     config = NetworkConfig(kind=kind, hidden=widths)
     return FirstNetwork(network.n_features, network.n_actions, config, export_parameters(network))
+
+
+def fused_of(config: DqnConfig, network: QNetwork) -> FusedValues:
+    """What learns a copy of a network in compiled code."""
+    learner = FusedApart if network.config.kind == "dueling-apart" else FusedDqn
+    return learner(config, first_of(network))

@@ -8,7 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_episodes import some_allowed
-from made_networks import first_of
+from made_networks import first_of, fused_of
 
 from common.policy.actor_critic import build_actor_critic
 from common.policy.arithmetic import tanh32
@@ -24,7 +24,6 @@ from services.learner.algorithms.sil import Sil
 from services.learner.experience import Experience
 from services.learner.fused import perceptron, products
 from services.learner.fused.adam import LEAST, move
-from services.learner.fused.dqn import FusedDqn
 from services.learner.fused.packed import VALUES
 from services.learner.fused.policy import FusedPolicy
 from services.learner.sparse import sparse_rows
@@ -34,6 +33,7 @@ from services.learner.textbook.plain_policy import PlainPolicy
 from services.learner.textbook.policies import PolicyNetwork
 from services.learner.training import Batch
 
+KINDS = ["plain", "dueling", "dueling-apart"]
 SHAPES = st.tuples(st.sampled_from([(8,), (16, 33), (5, 17, 9)]), st.integers(1, 20), st.integers(2, 19))
 ROOM = 6  # rows that a product may write
 
@@ -184,13 +184,13 @@ def test_imitation_has_the_gradients_of_autograd(shape, rows, seed):
 
 
 @settings(deadline=None, max_examples=25)
-@given(SHAPES, st.sampled_from(["plain", "dueling"]), st.integers(1, 40), st.integers(0, 2**31))
+@given(SHAPES, st.sampled_from(KINDS), st.integers(1, 40), st.integers(0, 2**31))
 def test_action_values_have_the_gradients_of_autograd(shape, kind, rows, seed):
     hidden, n_features, n_actions = shape
     config = DqnConfig(learning_rate=1e-3, batch_size=rows, learn_every_steps=1, target_tau=0.1)
     network = build_network(NetworkConfig(kind=kind, hidden=hidden), n_features, n_actions, seed=1)
     batch = transitions(np.random.default_rng(seed), rows, n_features, n_actions)
-    ours, plain = FusedDqn(config, first_of(network)), PlainDqn(config, copy.deepcopy(network).double())
+    ours, plain = fused_of(config, network), PlainDqn(config, copy.deepcopy(network).double())
     ours.update(batch)
     plain.update(in_float64(batch))
     assert_gradients_of_first_step(ours.state(), plain._network)
@@ -206,11 +206,11 @@ def test_ten_epochs_end_where_torch_does():
     assert_same_weights(ours.weights(), plain._network)
 
 
-@pytest.mark.parametrize("kind", ["plain", "dueling"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_ten_updates_of_action_values_end_where_torch_does(kind):
     config = DqnConfig(learning_rate=3e-4, batch_size=150, learn_every_steps=1, target_tau=0.05)
     network, rng = build_network(NetworkConfig(kind=kind, hidden=(128, 128)), 252, 5, seed=1), np.random.default_rng(1)
-    ours, plain = FusedDqn(config, first_of(network)), PlainDqn(config, copy.deepcopy(network).double())
+    ours, plain = fused_of(config, network), PlainDqn(config, copy.deepcopy(network).double())
     for _ in range(10):
         batch = transitions(rng, 150, 252, 5)
         ours.update(batch)
@@ -231,15 +231,37 @@ def test_actors_and_learners_compute_the_same_bits(hidden):
     assert logits.tobytes() == acted[:, :5].tobytes()
 
 
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("hidden", [(8,), (16, 33), (5, 17, 9)])
+def test_action_values_of_actors_and_learners_are_the_same_to_the_bit(hidden, kind):
+    """Seen in the errors: of targets that are zero, for every action."""
+    network, x = (
+        build_network(NetworkConfig(kind=kind, hidden=hidden), 20, 5, 1),
+        observations(np.random.default_rng(1), 9, 20),
+    )
+    config, twin = DqnConfig(learning_rate=1e-3, batch_size=9, learn_every_steps=1), Twin(Layout(kind, 20, 5, hidden))
+    twin.load(fused_of(config, network).weights())
+    acted = twin.outputs(x)
+    for action in range(5):
+        batch = transitions(np.random.default_rng(1), 9, 20, 5)._replace(
+            observation_tm1=x,
+            action_tm1=np.full(9, action),
+            reward_t=np.zeros(9, np.float32),
+            discount_t=np.zeros(9, np.float32),
+        )
+        assert fused_of(config, network).update(batch).error_sizes.tobytes() == np.abs(acted[:, action]).tobytes()
+
+
 def states_of(learners):
     return [[array.tobytes() for array in learner.state().values()] for learner in learners]
 
 
+@pytest.mark.parametrize("kind", ["dueling", "dueling-apart"])
 @pytest.mark.parametrize("switches", [{}, {"target_tau": 0.1}, {"target_tau": 0.1, "double": True}])
-def test_inputs_that_were_never_seen_are_left_out_without_a_difference(switches):
+def test_inputs_that_were_never_seen_are_left_out_without_a_difference(switches, kind):
     config = DqnConfig(learning_rate=3e-4, batch_size=20, learn_every_steps=1, **switches)
-    network, rng = build_network(NetworkConfig(kind="dueling", hidden=(16, 8)), 30, 5, seed=1), np.random.default_rng(1)
-    left_out, all_in = FusedDqn(config, first_of(network)), FusedDqn(config, first_of(network))
+    network, rng = build_network(NetworkConfig(kind=kind, hidden=(16, 8)), 30, 5, seed=1), np.random.default_rng(1)
+    left_out, all_in = fused_of(config, network), fused_of(config, network)
     all_in.seen[:] = True
     for _ in range(5):
         batch = transitions(rng, 20, 30, 5)
@@ -251,11 +273,12 @@ def test_inputs_that_were_never_seen_are_left_out_without_a_difference(switches)
     assert first == second
 
 
+@pytest.mark.parametrize("kind", ["plain", "dueling-apart"])
 @pytest.mark.parametrize("switches", [{}, {"target_tau": 0.1}])
-def test_a_restored_learner_has_seen_what_the_first_had(switches):
+def test_a_restored_learner_has_seen_what_the_first_had(switches, kind):
     config = DqnConfig(learning_rate=3e-4, batch_size=20, learn_every_steps=1, **switches)
-    network, rng = build_network(NetworkConfig(hidden=(16, 8)), 30, 5, seed=1), np.random.default_rng(1)
-    straight, restored = FusedDqn(config, first_of(network)), FusedDqn(config, first_of(network))
+    network, rng = build_network(NetworkConfig(kind=kind, hidden=(16, 8)), 30, 5, seed=1), np.random.default_rng(1)
+    straight, restored = fused_of(config, network), fused_of(config, network)
     restored.update(transitions(rng, 20, 30, 5))  # whatever it has learned before
     batch = transitions(rng, 20, 30, 5)
     batch.observation_tm1[:, ::2] = 0
@@ -268,9 +291,10 @@ def test_a_restored_learner_has_seen_what_the_first_had(switches):
     assert first == second
 
 
-def test_what_is_not_a_number_is_an_error_and_changes_nothing():
-    network = build_network(NetworkConfig(hidden=(4,)), 6, 3, seed=1)
-    dqn = FusedDqn(DqnConfig(learning_rate=0.1, batch_size=1, learn_every_steps=1), first_of(network))
+@pytest.mark.parametrize("kind", ["plain", "dueling-apart"])
+def test_what_is_not_a_number_is_an_error_and_changes_nothing(kind):
+    network = build_network(NetworkConfig(kind=kind, hidden=(4,)), 6, 3, seed=1)
+    dqn = fused_of(DqnConfig(learning_rate=0.1, batch_size=1, learn_every_steps=1), network)
     batch = transitions(np.random.default_rng(1), 2, 6, 3)
     batch.observation_tm1[0, 3] = np.nan
     [before] = states_of([dqn])
@@ -294,11 +318,11 @@ def assert_each_takes_the_state_of_the_other(first, second):
             np.testing.assert_array_equal(other.state()[name], array, err_msg=name)
 
 
-@pytest.mark.parametrize("kind", ["plain", "dueling"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_states_of_action_values_are_those_of_the_updates_by_autograd(kind):
     config = DqnConfig(learning_rate=3e-4, batch_size=20, learn_every_steps=1, target_tau=0.1)
     network, rng = build_network(NetworkConfig(kind=kind, hidden=(16, 8)), 30, 5, seed=1), np.random.default_rng(1)
-    fused, plain = FusedDqn(config, first_of(network)), Dqn(config, network)
+    fused, plain = fused_of(config, network), Dqn(config, network)
     fused.update(transitions(rng, 20, 30, 5))
     assert_each_takes_the_state_of_the_other(fused, plain)
 

@@ -26,9 +26,9 @@ def config_of(rows=8, tau=0.1, **switches):
     return RecurrentDqnConfig(learning_rate=3e-4, batch_size=rows, learn_every_steps=1, target_tau=tau, **switches)
 
 
-def recurrent(hidden, n_features=F, n_actions=A):
+def recurrent(hidden, n_features=F, n_actions=A, seed=1):
     config = NetworkConfig(kind="recurrent", hidden=hidden)
-    return build_recurrent_network(config, n_features, n_actions, seed=1)
+    return build_recurrent_network(config, n_features, n_actions, seed)
 
 
 def sequences(rng, begins, length, n_features):
@@ -65,15 +65,19 @@ class ByAutograd:
 
     def __init__(self, config, network):
         self.network = copy.deepcopy(network).double()
-        self._target, self._config = copy.deepcopy(self.network), config
+        self.target, self._config = copy.deepcopy(self.network), config
         self._optimizer = torch.optim.Adam(self.network.parameters(), lr=config.learning_rate)
 
     def update(self, batch, begins_tm1, begins_t):
         with torch.no_grad():
-            q_t = last_values(self._target, batch.observation_t, begins_t)
-            picking = last_values(self.network, batch.observation_t, begins_t) if self._config.double else q_t
-            picking = allowed_only(picking, torch.tensor(batch.allowed_t))
-            best = q_t.gather(1, picking.argmax(1, keepdim=True))[:, 0]
+            picks, scores = {
+                False: (self.target, self.target),
+                True: (self.network, self.target),
+                "reversed": (self.target, self.network),
+            }[self._config.double]
+            picking = allowed_only(last_values(picks, batch.observation_t, begins_t), torch.tensor(batch.allowed_t))
+            scored = last_values(scores, batch.observation_t, begins_t)
+            best = scored.gather(1, picking.argmax(1, keepdim=True))[:, 0]
             target = torch.tensor(batch.reward_t).double() + torch.tensor(batch.discount_t).double() * best
         values = last_values(self.network, batch.observation_tm1, begins_tm1)
         taken = values[torch.arange(len(values)), torch.tensor(batch.action_tm1)]
@@ -81,7 +85,7 @@ class ByAutograd:
         (torch.tensor(batch.weights).double() * (taken - target) ** 2).mean().backward()
         self._optimizer.step()
         with torch.no_grad():
-            for slow, fast in zip(self._target.parameters(), self.network.parameters(), strict=True):
+            for slow, fast in zip(self.target.parameters(), self.network.parameters(), strict=True):
                 slow.lerp_(fast, self._config.target_tau)
 
 
@@ -89,7 +93,7 @@ class ByAutograd:
 @given(
     st.sampled_from([(8,), (16, 33), (5, 17, 9)]),
     st.integers(1, 5),
-    st.booleans(),
+    st.sampled_from([False, True, "reversed"]),
     st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=1, max_size=14),
     st.integers(0, 2**31),
 )
@@ -98,6 +102,9 @@ def test_gradients_are_those_of_autograd_wherever_sequences_begin(hidden, length
     network, config = recurrent(hidden), config_of(len(begins), double=double)
     ours, theirs = FusedDrqn(config, first_of(network)), ByAutograd(config, network)
     batch = batch_of(seed, begins_tm1, begins_t, length)
+    other = recurrent(hidden, seed=2)  # whose targets are of other actions
+    theirs.target.load_state_dict(other.state_dict())
+    ours.restore(ours.state() | {f"target/{name}": array for name, array in first_of(other).weights.items()})
     ours.update(batch)
     theirs.update(batch, begins_tm1, begins_t)
     assert_gradients_of_first_step(ours.state(), theirs.network)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from made_episodes import some_allowed
-from made_networks import first_of
+from made_networks import first_of, fused_of
 from torch import nn
 
 from common.policy.actor_critic import build_actor_critic
@@ -17,7 +17,6 @@ from common.rules.values import DqnConfig
 from services.learner.algorithms.ppo import Ppo
 from services.learner.algorithms.sil import Sil
 from services.learner.experience import Experience
-from services.learner.fused.dqn import FusedDqn
 from services.learner.fused.drqn import FusedDrqn
 from services.learner.fused.policy import FusedPolicy
 from services.learner.sparse import dense_rows, sparse_rows
@@ -94,12 +93,14 @@ def assert_same_weights(plain, fast):
         np.testing.assert_allclose(ours[f"inner.{name}"], array, atol=1e-5, err_msg=name)
 
 
-@pytest.mark.parametrize("kind", ["plain", "dueling"])
-@pytest.mark.parametrize("switches", [{}, {"target_tau": 0.1}, {"target_tau": 0.1, "double": True}])
+@pytest.mark.parametrize("kind", ["plain", "dueling", "dueling-apart"])
+@pytest.mark.parametrize(
+    "switches", [{}, *({"target_tau": 0.1, "double": double} for double in (False, True, "reversed"))]
+)
 def test_action_values_are_learned_as_on_the_fast_path(kind, switches):
     network = build_network(NetworkConfig(kind=kind, hidden=(32, 20)), FEATURES, ACTIONS, seed=1)
     config = DqnConfig(learning_rate=0.003, batch_size=SIZE, learn_every_steps=1, **switches)
-    plain, fast = Dqn(config, Own(network)), FusedDqn(config, first_of(network))
+    plain, fast = Dqn(config, Own(network)), fused_of(config, network)
     for batch in value_batches(20):
         ours, theirs = plain.update(batch), fast.update(batch)
         np.testing.assert_allclose(ours.error_sizes, theirs.error_sizes, atol=1e-5)

@@ -23,11 +23,15 @@ VARIANTS = {
     "dqn": {"target_tau": None, "kind": "plain"},
     "ddqn": {"kind": "plain"},
     "dddqn": {},
+    "dddqn apart": {"kind": "dueling-apart", "double": True},
     "classic double": {"double": True},
+    "reversed double": {"double": "reversed"},
+    "target an episode": {"target_every": "episode"},
     "prioritized": {"replay": "prioritized"},
     "prioritized less and less": {"replay": "prioritized", "alpha_end": 0.1},
     "drqn": {"kind": "recurrent"},
     "drqn prioritized": {"kind": "recurrent", "replay": "prioritized"},
+    "drqn reversed double, target an episode": {"kind": "recurrent", "double": "reversed", "target_every": "episode"},
 }
 
 
@@ -101,7 +105,8 @@ def test_a_transition_takes_part_in_the_update_of_the_step_that_completes_it():
     st.lists(st.sets(st.integers(1, STEPS - 1), max_size=6), min_size=3, max_size=3),
 )
 def test_it_does_not_matter_where_episodes_are_cut(transitions, number, places):
-    whole, parts = (make_trainer(replay="prioritized", transitions=transitions) for _ in range(2))
+    changes = {"replay": "prioritized", "transitions": transitions, "target_every": ("update", "episode")[number % 2]}
+    whole, parts = make_trainer(**changes), make_trainer(**changes)
     for after, cuts in enumerate(places):
         episode = PLAYED[transitions](number + after)
         told = whole.train(episode)

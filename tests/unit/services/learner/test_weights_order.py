@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from made_networks import first_of
+from made_networks import first_of, fused_of
 
 from common.policy.actor_critic import build_actor_critic
 from common.policy.compiled import Twin
@@ -11,7 +11,6 @@ from common.policy.packing import Layout
 from common.policy.recurrent import build_recurrent_network
 from common.rules.settings import NetworkConfig
 from common.rules.values import DqnConfig
-from services.learner.fused.dqn import FusedDqn
 from services.learner.fused.drqn import FusedDrqn
 from services.learner.fused.packed import VALUES
 from services.learner.fused.policy import FusedPolicy
@@ -22,6 +21,7 @@ DQN = DqnConfig(learning_rate=1e-3, batch_size=8, learn_every_steps=5)
 BUILD = {
     "plain": build_network,
     "dueling": build_network,
+    "dueling-apart": build_network,
     "actor-critic": build_actor_critic,
     "recurrent": build_recurrent_network,
 }
@@ -30,11 +30,12 @@ BUILD = {
 @pytest.mark.parametrize("hidden", [(16, 32), (9, 33, 6), (8,)])
 @pytest.mark.parametrize("kind", BUILD)
 def test_a_twin_takes_them_over_as_they_are(kind, hidden):
-    first = first_of(BUILD[kind](NetworkConfig(kind=kind, hidden=hidden), F, A, 1))
+    network = BUILD[kind](NetworkConfig(kind=kind, hidden=hidden), F, A, 1)
+    first = first_of(network)
     if kind == "actor-critic":
         trained = FusedPolicy(first, 1e-3, 0.5)
     else:
-        trained = (FusedDrqn if kind == "recurrent" else FusedDqn)(DQN, first)
+        trained = FusedDrqn(DQN, first) if kind == "recurrent" else fused_of(DQN, network)
     weights, twin = trained.weights(), Twin(Layout(kind, F, A, hidden))
     assert list(weights) == list(first.weights)
     for name, array in first.weights.items():
