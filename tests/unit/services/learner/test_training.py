@@ -1,6 +1,7 @@
 """The trainer: when it learns, and that it goes on after a restore."""
 
 import hashlib
+import itertools
 
 import numpy as np
 import pytest
@@ -116,10 +117,30 @@ def test_it_does_not_matter_where_episodes_are_cut(transitions, number, places):
     assert_same_state(whole.state(), parts.state())
 
 
+@pytest.mark.parametrize("kind", ["recurrent", "dueling"])
+@pytest.mark.parametrize("every", ["update", "episode"])
+def test_a_target_follows_after_updates_or_at_the_end_of_episodes(kind, every):
+    trainer = make_trainer(kind=kind, target_every=every, target_tau=0.5)
+    targets = [target_of(trainer)]
+    for fragment in (*cut(make_episode(1), [9, 20, 31]), make_episode(2)):
+        trainer.train(fragment)
+        targets.append(target_of(trainer))
+    changed = [not np.array_equal(*pair) for pair in itertools.pairwise(targets)]
+    assert changed == ([True] * 5 if every == "update" else [False, False, False, True, True])
+    network, target = (trainer.state()[f"algorithm/{part}/value.bias"] for part in ("network", "target"))
+    assert not np.array_equal(network, target)
+
+
+def target_of(trainer):
+    return trainer.state()["algorithm/target/hidden.0.weight"]
+
+
 @pytest.mark.parametrize("transitions", PLAYED)
 @pytest.mark.parametrize("after", [1, 2, 3])
 def test_a_trainer_restored_within_an_episode_goes_on_with_the_same_bits(after, transitions):
-    straight, restored = (make_trainer(replay="prioritized", transitions=transitions) for _ in range(2))
+    every = "episode" if transitions == "step" else "update"
+    changes = {"replay": "prioritized", "transitions": transitions, "target_every": every}
+    straight, restored = make_trainer(**changes), make_trainer(**changes)
     first, second, third, other = map(PLAYED[transitions], (0, 1, 2, 99))
     straight.train(first)
     fragments = cut(second, [9, 20, 31])
