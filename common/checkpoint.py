@@ -68,6 +68,8 @@ def load(path: Path, kind: Kind) -> tuple[Tensors, Metadata]:
         CheckpointError: the file is missing, unreadable, damaged, of another kind or of another format.
     """
     try:
+        if path.exists() and not path.is_file():
+            raise CheckpointError(f"{path}: is no file: check the path")  # a pipe would wait
         data = path.read_bytes()
     except FileNotFoundError:
         raise CheckpointError(f"{path}: no such file: check the path and the run's folder") from None

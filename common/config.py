@@ -19,6 +19,7 @@ from common.world import WorldSpec, chosen_levels
 
 MAX_ACTORS = 256  # of one level
 PARTS = ("world", "learning")  # whose keys stand beside the others in files
+PATHS = {"start_from": "checkpoint", "demonstrations": "file"}  # sections of files that have a digest beside it
 Plain = dict[str, Any]
 
 
@@ -126,8 +127,12 @@ class RunConfig(Strict):
 
     @property
     def science(self) -> Plain:
-        """What determines the learning curve, as plain data: everything but how it is computed."""
-        return {key: value for key, value in self.plain().items() if key not in ("cluster", "engine")}
+        """What determines the learning curve, as plain data: everything but how it is computed, and where files lie."""
+        kept = {key: value for key, value in self.plain().items() if key not in ("cluster", "engine")}
+        for key, path in PATHS.items():
+            if kept.get(key):
+                kept[key] = {name: value for name, value in kept[key].items() if name != path}
+        return kept
 
 
 def parse_config(data: Mapping[str, Any]) -> RunConfig:

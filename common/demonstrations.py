@@ -1,8 +1,8 @@
 """Files of demonstrations: whole episodes that a policy played, as they travel on the wire.
 
 A line of JSON, which any version can read, says what is in a file and in which schema. Then come the episodes, for each
-the length of its message in 8 bytes, little-endian, and the message (`common.wire.codec`). Reading is strict: a file is
-what its first line says, to the last byte, or it is refused.
+the length of its message in 8 bytes, little-endian, and the message (`common.wire.codec`), and at the end a digest of
+all that. Reading is strict: a file is what its first line says, to the last bit, or it is refused.
 """
 
 import hashlib
@@ -23,6 +23,7 @@ from common.world import WorldSpec
 FORMAT: Final = "railctl demonstrations"
 MOST_LINE_BYTES = 65_536
 LENGTH_BYTES = 8
+DIGEST_BYTES = 16
 
 
 class DemonstrationsError(Exception):
@@ -68,7 +69,7 @@ def write_demonstrations(path: Path, world: WorldSpec, policy: str, episodes: in
     """Write as many episodes as are said, as they come; nobody ever sees a part of the file.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: it cannot be written, or is there already.
         ValueError: there are more or fewer episodes.
     """
     heading = Heading(
@@ -81,17 +82,43 @@ def write_demonstrations(path: Path, world: WorldSpec, policy: str, episodes: in
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         with temporary.open("wb") as file:
-            file.write(heading.model_dump_json().encode() + b"\n")
+            whole = _Digested(file)
+            whole.write(heading.model_dump_json().encode() + b"\n")
             written = 0
             for course in courses:
                 body = encode(course)
-                file.write(len(body).to_bytes(LENGTH_BYTES, "little") + body)
+                whole.write(len(body).to_bytes(LENGTH_BYTES, "little") + body)
                 written += 1
+            file.write(whole.digest.digest())
         if written != episodes:
             raise ValueError(f"{path}: {written} episodes were played, {episodes} announced")
-        temporary.replace(path)
+        path.hardlink_to(temporary)  # which a file that is there by now forbids
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None  # nobody knows of the other one
     finally:
         temporary.unlink(missing_ok=True)
+
+
+class _Digested:
+    """Keeps a digest of all that goes through it, into a file or out of it."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self.digest = hashlib.blake2b(digest_size=DIGEST_BYTES)
+
+    def write(self, part: bytes) -> None:
+        self._file.write(part)
+        self.digest.update(part)
+
+    def read(self, size: int) -> bytes:
+        return self._noted(self._file.read(size))
+
+    def readline(self, most: int) -> bytes:
+        return self._noted(self._file.readline(most))
+
+    def _noted(self, part: bytes) -> bytes:
+        self.digest.update(part)
+        return part
 
 
 def read_demonstrations(path: Path) -> tuple[Heading, Iterator[Course]]:
@@ -107,6 +134,8 @@ def read_demonstrations(path: Path) -> tuple[Heading, Iterator[Course]]:
 
 def _opened(path: Path) -> BinaryIO:
     try:
+        if path.exists() and not path.is_file():
+            raise DemonstrationsError(f"{path}: is no file: give one of railctl demonstrate")  # a pipe would wait
         return path.open("rb")
     except OSError as error:
         raise DemonstrationsError(f"{path}: {error.strerror}: give a file of railctl demonstrate") from None
@@ -115,12 +144,12 @@ def _opened(path: Path) -> BinaryIO:
 def _heading(path: Path, line: bytes) -> Heading:
     try:
         plain = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         plain = None
     if not line.endswith(b"\n") or not isinstance(plain, dict) or plain.get("format") != FORMAT:
         raise DemonstrationsError(f"{path}: no demonstrations: give a file of railctl demonstrate")
     if plain.get("schema_version") != SCHEMA_VERSION:
-        version = str(plain.get("schema_version"))
+        version = repr(plain.get("schema_version"))
         raise DemonstrationsError(
             f"{path}: its schema is {version:.20}, this version's {SCHEMA_VERSION}: make it anew with "
             "railctl demonstrate"
@@ -133,21 +162,22 @@ def _heading(path: Path, line: bytes) -> Heading:
 
 def _courses(path: Path, heading: Heading) -> Iterator[Course]:
     with _opened(path) as file:
-        file.readline(MOST_LINE_BYTES)
+        whole = _Digested(file)
+        whole.readline(MOST_LINE_BYTES)
         for number in range(heading.episodes):
             try:
-                course = _course(file)
+                course = _course(whole)
                 check_whole(course, heading.n_features)
             except (Refused, ValueError) as error:
                 raise DemonstrationsError(
                     f"{path}: episode {number}: {error}: make the file anew with railctl demonstrate"
                 ) from None
             yield course
-        if file.read(1):
-            raise DemonstrationsError(f"{path}: holds more than {heading.episodes} episodes: make the file anew")
+        if file.read() != whole.digest.digest():
+            raise DemonstrationsError(f"{path}: damaged, or holds more episodes than it says: make the file anew")
 
 
-def _course(file: BinaryIO) -> Course:
+def _course(file: _Digested) -> Course:
     size = file.read(LENGTH_BYTES)
     length = int.from_bytes(size, "little")
     if len(size) == LENGTH_BYTES and length > MAX_MESSAGE_BYTES:

@@ -8,6 +8,7 @@ from pathlib import Path
 from common.bus import NoAnswer
 from common.config import RunConfig, parse_config
 from common.mapping_file import read_mapping
+from common.rules.settings import DEMONSTRATIONS_FILE, START_FILE
 from common.strict import ConfigError
 
 
@@ -48,12 +49,12 @@ class RunFolder:
     @property
     def start_file(self) -> Path:
         """The run's copy of the checkpoint that it begins with, if it does."""
-        return self.path / "start.safetensors"
+        return self.path / START_FILE
 
     @property
     def demonstrations_file(self) -> Path:
         """The run's copy of the demonstrations that its replay begins with, if it does."""
-        return self.path / "start.demonstrations"
+        return self.path / DEMONSTRATIONS_FILE
 
     @property
     def board_file(self) -> Path:

@@ -25,6 +25,8 @@ Demonstrator = Literal["planner", "planner-replanned", "shortest-path-planned"]
 PLANNING: tuple[Reference, ...] = ("planner", "planner-replanned")  # references that try orders of trains
 DRAWING: tuple[Reference, ...] = ("random", *PLANNING)  # references that draw
 ORDERS = 50
+MOST_ORDERS = 100_000
+MOST_EPISODES = 1_000_000  # of demonstrations
 EPISODES = 100  # evaluation levels, if no number is given and so many are held out
 
 R = TypeVar("R", bound=Strict)
@@ -73,7 +75,7 @@ class ReferenceRequest(Strict):
 
     policy: Reference
     draws: int = Field(default=0, ge=0)
-    orders: int = Field(default=ORDERS, ge=1)
+    orders: int = Field(default=ORDERS, ge=1, le=MOST_ORDERS)
     levels: LevelChoice
 
 
@@ -95,9 +97,9 @@ class DemonstrationRequest(Strict):
     policy: Demonstrator | None = None
     checkpoint: Path | None = None
     mode: Mode | None = None
-    orders: int = Field(default=ORDERS, ge=1)
+    orders: int = Field(default=ORDERS, ge=1, le=MOST_ORDERS)
     config: dict[str, Any]
-    episodes: int = Field(ge=1)
+    episodes: int = Field(ge=1, le=MOST_EPISODES)
     base: Path = Path()
     bank: Path | None = None
     file: Path

@@ -6,6 +6,7 @@ line on stderr, with exit code 1, or 2 if it was asked for what cannot be.
 
 import json
 import logging
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -68,6 +69,9 @@ class CompileTeller:
 def carry_out(work: Callable[[], None], *failures: type[Exception]) -> None:
     """Do the work of this process; `failures` are the errors whose text is the whole story."""
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(message)s")
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _unwind)
     try:
         with around_compiling(CompileTeller().around):
             work()
@@ -78,6 +82,13 @@ def carry_out(work: Callable[[], None], *failures: type[Exception]) -> None:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""  # a write does not know
         _end(f"{where}{error.strerror}", FAILED)
+
+
+def _unwind(_number: int, _frame: object) -> NoReturn:
+    """Leave nothing half done behind; Ctrl-C sends one signal, the command that hears of it another."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
 
 
 def _end(text: str, code: int) -> NoReturn:

@@ -46,6 +46,14 @@ def with_demonstrations_read(config: RunConfig, base: Path) -> RunConfig:
     return config.model_copy(update={"learning": config.learning.model_copy(update={"demonstrations": found})})
 
 
+def demonstrations_digest(path: Path) -> str:
+    """Of a file's content; raises ConfigError if it cannot be read."""
+    try:
+        return digest_of_file(path)
+    except OSError as error:
+        raise ConfigError(f"demonstrations.file {path}: {error.strerror}: check its rights") from None
+
+
 def copy_demonstrations(config: RunConfig, base: Path, copy: Path) -> None:
     """Make the run's copy of the demonstrations that it begins with, if it does with some.
 

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import yaml
 
@@ -22,6 +23,7 @@ from common.folder import RunFolder, write_atomically
 from common.interpreter import run_module
 from common.levels.own import LEVELS, ReadLevels
 from common.locks import living
+from common.rules.settings import DEMONSTRATIONS_FILE, START_FILE
 from common.snapshots import newest_snapshot
 from common.strict import ConfigError
 from deploy.demonstrations import copy_demonstrations
@@ -69,7 +71,7 @@ def new_run(
     temporary = path.with_name(f".{name}.{os.getpid()}")
     try:
         temporary.mkdir(parents=True)
-        save_config(RunFolder(temporary), config)
+        save_config(RunFolder(temporary), with_own_copies(config))
         (temporary / "logs").mkdir()
         for level, read in own.items():
             read.save(temporary / LEVELS, level)
@@ -85,6 +87,16 @@ def new_run(
             f"cannot create {path}: {error.strerror}: set RAILCTL_RUNS to a folder that you may write"
         ) from None
     return RunFolder(path)
+
+
+def with_own_copies(config: RunConfig) -> RunConfig:
+    """The configuration of a run that begins with files, once it has its own copies of them beside it."""
+    learning, own = config.learning, dict[str, Any]()
+    if (start := learning.begins_with) is not None:
+        own["start_from"] = start.model_copy(update={"checkpoint": START_FILE})
+    if (shown := learning.demonstrated) is not None:
+        own["demonstrations"] = shown.model_copy(update={"file": DEMONSTRATIONS_FILE})
+    return config.model_copy(update={"learning": learning.model_copy(update=own)}) if own else config
 
 
 def check_new(name: str, config: RunConfig) -> None:

@@ -9,18 +9,17 @@ from typing import Any
 import yaml
 from pydantic import BaseModel
 
-from common.config import MAX_ACTORS, RunConfig, home_of, parse_config, upgraded
+from common.config import MAX_ACTORS, PATHS, RunConfig, home_of, parse_config, upgraded
 from common.levels.distributions import LEVEL_PATTERN, shipped
 from common.mapping_file import read_mapping
 from common.rules import settings_of
 from common.strict import ConfigError, flat, nearest, section_of, shortened
 from common.world import WorldSpec, checked_world, chosen_levels, read_world
-from deploy.demonstrations import with_demonstrations_read
-from deploy.start import with_start_read
+from deploy.demonstrations import demonstrations_digest, with_demonstrations_read
+from deploy.start import checkpoint_digest, with_start_read
 
 Plain = dict[str, Any]
 LEVEL_FORM = re.compile(LEVEL_PATTERN)
-FILES = {"start_from": "checkpoint", "demonstrations": "file"}  # sections that may be null, or just their file
 EVALUATION_LEVELS = 50  # unless fewer are kept from training
 
 
@@ -110,7 +109,7 @@ def resolve_existing(saved: RunConfig, given: Plain, name: str, base: Path = Pat
     if "levels" in given:
         own = {level: spec for level, spec in given["levels"].items() if level in saved.mix}
         given["levels"] = read_world({"levels": own}, base).model_dump(mode="json")["levels"] if own else {}
-    merged = merge(kept, given)
+    merged = merge(kept, given | _beginnings(saved, given, base, name))
     merged["levels"] = kept["levels"] | given.get("levels", {})
     if "actors" in given.get("cluster", {}):
         merged["cluster"]["actors"] = given["cluster"]["actors"]
@@ -122,6 +121,23 @@ def resolve_existing(saved: RunConfig, given: Plain, name: str, base: Path = Pat
         if before.get(field) != now.get(field):
             raise _another_run(name, f"{field} {before.get(field)}", str(now.get(field)))
     return config
+
+
+def _beginnings(saved: RunConfig, given: Plain, base: Path, name: str) -> Plain:
+    """The sections that are given of files that the run began with, as the run has them; it keeps its own copies.
+
+    Raises:
+        ConfigError: a file is there, and is another one.
+    """
+    found = {}
+    for key, digest_of in (("start_from", checkpoint_digest), ("demonstrations", demonstrations_digest)):
+        section, kept = given.get(key), saved.plain().get(key)
+        if isinstance(section, dict) and isinstance(path := section.get(PATHS[key]), str) and kept is not None:
+            there = base / path
+            if there.exists() and digest_of(there) != kept["digest"]:
+                raise _another_run(name, f"{key} of digest {kept['digest']}", path)
+            found[key] = kept | {part: value for part, value in section.items() if part != PATHS[key]}
+    return found
 
 
 def _check_kinds(saved: RunConfig, given: Plain, name: str) -> None:
@@ -158,7 +174,7 @@ def spelled_out(given: Plain, rule: str) -> Plain:
         ConfigError: both level and mix are given.
     """
     given = {key: _with_kind(str(key), value, rule) for key, value in given.items()}
-    for name, file in FILES.items():
+    for name, file in PATHS.items():
         if isinstance(given.get(name), str):
             given[name] = {file: given[name]}
     level = given.pop("level", None)
@@ -188,7 +204,7 @@ def check_sections(given: Plain, rule: str) -> None:
         if not isinstance(name, str):
             raise ConfigError(f"{name}: keys should be strings, not {name!r}")
         is_section = name in ("mix", "levels") or _section(name, rule) is not None
-        if is_section and not isinstance(value, dict) and not (name in FILES and value is None):
+        if is_section and not isinstance(value, dict) and not (name in PATHS and value is None):
             raise ConfigError(f"{name}: input should be a valid dictionary, not {shortened(value)}")
 
 

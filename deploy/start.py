@@ -46,6 +46,14 @@ def with_start_read(config: RunConfig, base: Path) -> RunConfig:
     return config.model_copy(update={"learning": config.learning.model_copy(update={"start_from": found})})
 
 
+def checkpoint_digest(path: Path) -> str:
+    """Of a checkpoint's content; raises ConfigError if it cannot be used."""
+    try:
+        return load(path, "checkpoint")[1]["digest"]
+    except CheckpointError as error:
+        raise ConfigError(f"start_from.checkpoint {error}") from None
+
+
 def copy_start(config: RunConfig, base: Path, copy: Path) -> None:
     """Make the run's copy of the checkpoint that it begins with, if it does with one.
 

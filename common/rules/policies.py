@@ -34,7 +34,7 @@ class PpoConfig(Strict):
     clip: Positive = 0.2  # of the ratio of probabilities, and of the change of a value
     value_weight: float = Field(default=0.5, ge=0, allow_inf_nan=False)
     entropy_weight: float = Field(default=0.01, ge=0, allow_inf_nan=False)
-    anchor_weight: float = Field(default=0.0, ge=0, allow_inf_nan=False)  # of the divergence from `start_from`
+    anchor_weight: float = Field(default=0.0, ge=0, le=1e6, allow_inf_nan=False)  # of the divergence from `start_from`
     max_gradient_norm: Positive = 0.5
 
 

@@ -8,6 +8,7 @@ from pydantic import Field
 from common.strict import Strict
 
 Mode = Literal["greedy", "sample"]  # how a network is scored
+START_FILE, DEMONSTRATIONS_FILE = "start.safetensors", "start.demonstrations"  # a run's own copies
 Widths = Annotated[tuple[Annotated[int, Field(ge=1, le=4096)], ...], Field(min_length=1, max_length=8)]
 
 
@@ -25,11 +26,11 @@ class StartFrom(Strict):
     """A checkpoint whose network a run begins with.
 
     Attributes:
-        checkpoint: its file; relative paths start from the run file.
-        digest: that of the file, noted when the run is made, which keeps a copy of it.
+        checkpoint: its file; relative paths start from the run file. In that of a run it is the run's own copy.
+        digest: that of the file, noted when the run is made; this, not the path, is what a curve depends on.
     """
 
-    checkpoint: str = Field(min_length=1)
+    checkpoint: str = Field(default=START_FILE, min_length=1)
     digest: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")] | None = None
 
 
@@ -37,11 +38,11 @@ class Demonstrations(Strict):
     """A file of `railctl demonstrate` whose episodes a replay holds from the start.
 
     Attributes:
-        file: relative paths start from the run file.
-        digest: that of the file, noted when the run is made, which keeps a copy of it.
+        file: relative paths start from the run file. In that of a run it is the run's own copy.
+        digest: that of the file, noted when the run is made; this, not the path, is what a curve depends on.
     """
 
-    file: str = Field(min_length=1)
+    file: str = Field(default=DEMONSTRATIONS_FILE, min_length=1)
     digest: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")] | None = None
 
 

@@ -4,7 +4,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, get_args
 
-from common.requests import DRAWING, PLANNING, Reference
+from common.requests import DRAWING, MOST_ORDERS, PLANNING, Reference
 from common.strict import ConfigError
 from deploy.output import counted
 from deploy.runs import find_checkpoint
@@ -30,8 +30,8 @@ def check_reference(policy: str, draws: int | None, orders: int | None, *, sampl
         raise ConfigError(f"{given}: {policy} is no network whose actions could be drawn, or the best: leave it out")
     if orders is not None and policy not in PLANNING:
         raise ConfigError(f"--orders: only planners try orders of trains, {policy} does not: leave it out")
-    if orders is not None and orders < 1:
-        raise ConfigError(f"--orders {orders}: use a number above 0")
+    if orders is not None and not 1 <= orders <= MOST_ORDERS:
+        raise ConfigError(f"--orders {orders}: use 1 to {MOST_ORDERS}")
     if draws is not None and policy not in DRAWING:
         raise ConfigError(f"--draws {draws}: {policy} draws nothing, leave it out")
 

@@ -8,11 +8,11 @@ import yaml
 from pydantic import ValidationError
 
 from analysis.study import Contender, PlannedRun, Study, StudyFolder, planned_runs, read_study
-from common.config import RunConfig
+from common.config import PATHS, RunConfig
 from common.folder import write_atomically
 from common.levels.distributions import AnyLevels, StockLevels
 from common.strict import ConfigError, flat, nearest
-from deploy.resolve import FILES, merge, preset_of, resolve, spelled_out
+from deploy.resolve import merge, preset_of, resolve, spelled_out
 from deploy.runs import Failed, runs_root
 
 SHIPPED = Path(__file__).parents[1] / "studies"
@@ -148,7 +148,7 @@ def _check_settings(field: str, settings: Mapping[str, Any]) -> None:
     for key in OF_THE_STUDY:
         if key in settings:
             raise ConfigError(f"{field}.{key}: the study says it for all its runs, leave it out")
-    for name, file in FILES.items():
+    for name, file in PATHS.items():
         start = settings.get(name)
         path = start.get(file) if isinstance(start, Mapping) else start
         if isinstance(path, str) and not Path(path).is_absolute():

@@ -4,6 +4,7 @@ An update rule is a module of `services.learner.algorithms` with a function `bui
 """
 
 import importlib
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
@@ -112,6 +113,13 @@ def means(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
     names = dict.fromkeys(name for row in rows for name in row)
     told = {name: [row[name] for row in rows if name in row] for name in names}
     return {name: sum(values) / len(values) for name, values in told.items()}
+
+
+def check_metrics(metrics: Mapping[str, float]) -> None:
+    """Raises FloatingPointError for what is not a number or infinite, which no loss may have shown."""
+    for name, value in metrics.items():
+        if not math.isfinite(value):
+            raise FloatingPointError(f"{name} is {value}: training has diverged, lower the learning rate")
 
 
 def build_trainer(rule: str, learning: Learning[RuleSettings]) -> Trainer:

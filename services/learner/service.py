@@ -21,7 +21,7 @@ from services.learner.account import Account, is_due, row_of
 from services.learner.archive import KEPT_SNAPSHOTS, Archive
 from services.learner.desk import Desk, Reply, Start
 from services.learner.inline_actor import NAME, REQUEST, InlineActor
-from services.learner.learning import build_trainer, learning_of
+from services.learner.learning import build_trainer, check_metrics, learning_of
 from services.learner.memory import Memory, take_memory
 from services.learner.opened import OpenEpisode
 from services.learner.schedule import Schedule
@@ -244,6 +244,7 @@ class Learner:
         with self._telemetry.learning():
             try:
                 metrics = self._trainer.train(fragment)
+                check_metrics(metrics)
             except FloatingPointError as error:
                 raise Fatal(f"episode {fragment.lease.episode}: {error}") from None
         episode = self._desk.mark_trained()

@@ -5,6 +5,8 @@ import json
 import numpy as np
 import pytest
 from demonstrated import WORLD, course
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from common.demonstrations import DemonstrationsError, digest_of, read_demonstrations, write_demonstrations
 from common.world import WorldSpec, study_world
@@ -57,14 +59,38 @@ def test_a_world_is_known_by_its_digest(world, same):
 def test_a_file_that_ends_early_is_refused_at_whatever_byte(path):
     whole = path.read_bytes()
     first = whole.index(b"\n") + 1
-    for size in (0, first - 1, first, first + 5, first + 9, len(whole) - 1):
+    for size in (0, first - 1, first, first + 5, first + 9, len(whole) - 17, len(whole) - 1):
         path.write_bytes(whole[:size])
-        assert "no demonstrations" in problem(path) or "the file ends in it" in problem(path)
+        assert any(text in problem(path) for text in ("no demonstrations", "the file ends in it", "damaged, or"))
 
 
 def test_more_than_was_announced_is_refused(path):
     path.write_bytes(path.read_bytes() + b"\0")
-    assert problem(path) == "holds more than 2 episodes: make the file anew"
+    assert problem(path) == "damaged, or holds more episodes than it says: make the file anew"
+
+
+@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.data())
+def test_no_flipped_bit_goes_unnoticed(path, data):
+    whole = bytearray(path.read_bytes())
+    place = data.draw(st.integers(0, 8 * len(whole) - 1))
+    whole[place // 8] ^= 1 << place % 8
+    path.with_name("flipped").write_bytes(whole)
+    with pytest.raises(DemonstrationsError):
+        list(read_demonstrations(path.with_name("flipped"))[1])
+
+
+def test_a_first_line_that_is_nested_too_deeply_is_none(path):
+    path.write_bytes(b"[" * 60_000 + b"\n")
+    assert "no demonstrations" in problem(path)
+
+
+def test_a_file_that_is_there_by_now_is_left_alone(path):
+    before = path.read_bytes()
+    with pytest.raises(FileExistsError, match=r"some\.demos"):
+        write_demonstrations(path, WORLD, "another", 1, [course()])
+    assert path.read_bytes() == before
+    assert [each.name for each in path.parent.iterdir()] == [path.name]
 
 
 def test_another_schema_is_refused_by_its_number(path):

@@ -35,8 +35,8 @@ def test_a_file_is_written_in_the_world_of_a_run(here):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["planner", "--episodes", "0"], "--episodes 0: use a number above 0"),
-        (["planner", "--orders", "0"], "--orders 0: use a number above 0"),
+        (["planner", "--episodes", "0"], "--episodes 0: use 1 to 1000000"),
+        (["planner", "--orders", "0"], "--orders 0: use 1 to 100000"),
         (["planner", "--sample"], "--sample: planner is no network whose actions could be drawn, or the best"),
         (["shortest-path-planned", "--orders", "3"], "--orders: only planners try orders of trains"),
         (["planner", "--out", "run.yaml"], "--out run.yaml: exists already: give another name"),

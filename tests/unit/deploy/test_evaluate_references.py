@@ -65,7 +65,7 @@ def test_the_name_of_a_policy_wins_and_a_path_is_a_run(here, monkeypatch):
             "--orders: only planners try orders of trains, alone does not: leave it out",
         ),
         (["runs/planner", "--orders", "3"], "--orders: only planners try orders of trains: leave it out"),
-        (["planner", "--orders", "0"], "--orders 0: use a number above 0"),
+        (["planner", "--orders", "0"], "--orders 0: use 1 to 100000"),
         (
             ["shortest-path", "--levels", "levels.npz", "--seed", "2"],
             "--levels and --seed: given levels are not drawn, leave --seed out (--draws is of sampling)",

@@ -26,7 +26,7 @@ def given(**more):
 def test_its_digest_is_of_the_science(file, tmp_path, algorithm):
     config = resolve(given(algorithm=algorithm), tmp_path)
     digest = load(file, "checkpoint")[1]["digest"]
-    assert config.science["start_from"] == {"checkpoint": "first.safetensors", "digest": digest}
+    assert config.science["start_from"] == {"digest": digest}  # wherever it lies
 
 
 def test_what_a_run_came_to_is_a_run_file(file, tmp_path):
@@ -43,13 +43,23 @@ def test_a_run_keeps_a_copy_and_goes_on_without_the_file(file, tmp_path):
     before = file.read_bytes()
     file.unlink()
     assert folder.start_file.read_bytes() == before
-    assert resolve_existing(folder.config(), given(), "some") == config
+    assert resolve_existing(folder.config(), given(), "some", tmp_path) == folder.config()
+    assert folder.config().science == config.science
 
 
-def test_a_run_does_not_go_on_from_another(file, tmp_path):
-    config = resolve(given(), tmp_path)
-    with pytest.raises(ConfigError, match=r"run some exists with start_from\.checkpoint first"):
-        resolve_existing(config, given(start_from="other.safetensors"), "some")
+def test_the_configuration_of_a_run_is_a_run_file_beside_its_copy(file, tmp_path):
+    folder = new_run("some", resolve(given(), tmp_path), tmp_path / "runs", base=tmp_path)
+    file.unlink()
+    assert resolve(yaml.safe_load(folder.config_file.read_text()), folder.path) == folder.config()
+
+
+def test_a_run_does_not_go_on_from_another(file, tmp_path, write_checkpoint):
+    folder = new_run("some", resolve(given(), tmp_path), tmp_path / "runs", base=tmp_path)
+    write_checkpoint(file, NETWORK, seed=5)
+    with pytest.raises(ConfigError, match=r"run some exists with start_from of digest [0-9a-f]{32}, not first"):
+        resolve_existing(folder.config(), given(), "some", tmp_path)
+    with pytest.raises(ConfigError, match=r"run some exists with start_from\.digest [0-9a-f]{32}, not 0000"):
+        resolve_existing(folder.config(), given(start_from={"digest": "0" * 32}), "some")
 
 
 def test_a_file_that_changed_meanwhile_is_not_taken(file, tmp_path, write_checkpoint):

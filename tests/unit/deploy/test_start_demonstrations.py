@@ -23,7 +23,7 @@ def given(**more):
 
 def test_its_digest_is_of_the_science(file, tmp_path):
     config = resolve(given(), tmp_path)
-    assert config.science["demonstrations"] == {"file": "some.demos", "digest": digest_of_file(file)}
+    assert config.science["demonstrations"] == {"digest": digest_of_file(file)}  # wherever it lies
     assert resolve(yaml.safe_load(yaml.safe_dump(config.plain())), tmp_path) == config
 
 
@@ -33,11 +33,21 @@ def test_a_run_keeps_a_copy_and_goes_on_without_the_file(file, tmp_path):
     before = file.read_bytes()
     file.unlink()
     assert folder.demonstrations_file.read_bytes() == before
-    assert resolve_existing(folder.config(), given(), "some") == config
+    assert resolve_existing(folder.config(), given(), "some", tmp_path) == folder.config()
+    assert resolve(yaml.safe_load(folder.config_file.read_text()), folder.path) == folder.config()
+
+
+def test_a_run_does_not_go_on_with_others(file, tmp_path):
+    folder = new_run("some", resolve(given(), tmp_path), tmp_path / "runs", base=tmp_path)
+    file.unlink()
+    write_demonstrations(file, WORLD, "somebody", 1, [course()])
+    with pytest.raises(ConfigError, match=r"run some exists with demonstrations of digest [0-9a-f]{32}, not some"):
+        resolve_existing(folder.config(), given(), "some", tmp_path)
 
 
 def test_a_file_that_changed_meanwhile_is_not_taken(file, tmp_path):
     config = resolve(given(), tmp_path)
+    file.unlink()
     write_demonstrations(file, WORLD, "somebody", 1, [course()])
     with pytest.raises(Failed, match=r"some\.demos has changed while the run was made"):
         new_run("some", config, tmp_path / "runs", base=tmp_path)
