@@ -119,7 +119,8 @@ def forward_row(
         if kind == ACTOR_CRITIC:
             out[n_actions] = sums[0]
         else:
-            join_heads(sums[0], out, out)
+            advantages = out[:n_actions]
+            join_heads(sums[0], advantages, advantages)
 
 
 @kernel
