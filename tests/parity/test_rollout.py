@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from stock_levels import MIXED, stock_level
 
+from common.levels.level import Malfunctions
 from common.levels.supply import LevelSupply
 from common.policy.actor_critic import build_actor_critic
 from common.policy.compiled import Twin
@@ -84,6 +86,19 @@ def test_both_engines_note_what_is_seen_one_step_later(difficulty):
                 continue
             np.testing.assert_array_equal(following, expected)
     assert again
+
+
+def test_who_arrives_on_the_step_of_its_decision_sees_nothing_after_it():
+    world = study_world().model_copy(update={"decisions": "always"})
+    level = stock_level(3, 25, 5, 2, speeds=MIXED, malfunctions=Malfunctions(1 / 40, 3, 12))
+    teacher = Teacher(orders=3, margin=1, patience=16, key=np.uint64(5))  # obeyed, so that trains arrive
+    acting = Acting(twin_of("actor-critic", seed=3), 1.0, key=77, teacher=teacher, following=True)
+    compiled, flatland = (play(player(engine, world, "stock", 5), level, acting, 9) for engine in ENGINES)
+    assert same(compiled, flatland)
+    decisions = compiled.decisions
+    last = compiled.arrived_at[decisions.trains] == decisions.times
+    assert last.any()
+    assert (decisions.following.any(axis=1) == ~last).all()
 
 
 @pytest.mark.parametrize("kind", ["recurrent", "actor-critic"])
