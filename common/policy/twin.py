@@ -109,7 +109,7 @@ def forward_row(
     n_outputs = n_actions + 1 if kind in (DUELING, RECURRENT) else n_actions
     end = perceptron(header, layers, parameters, offset, n_in, n_outputs, smooth, places, values, count, sums)
     if n_outputs > n_actions:
-        join_heads(sums[0], sums[1:], out)
+        join_heads(sums[0], sums[1:], out[:n_actions])  # which may have room for a state's value, too
         return
     for action in range(n_actions):
         out[action] = sums[action]
