@@ -136,7 +136,7 @@ def test_what_was_done_elsewhere_is_not_done_again(clusters, described, left_alo
     ]
     assert reports[0]["runs"] == reports[1]["runs"]
     assert reports[0]["tables"]["table-5.2"] == reports[1]["tables"]["table-5.2"]
-    refused = clusters.railctl_here("study", "run", "thesis-mini", "--from", str(published), code=1).stderr
+    refused = clusters.railctl_here("study", "run", "thesis-mini", "--from", str(published), code=2).stderr
     assert "these are results of another study (small): leave it out" in refused
 
 

@@ -18,7 +18,7 @@ def publish(
     output: Annotated[Path, typer.Option(help="Folder to write to; what is there of an earlier time is replaced.")],
     as_json: AsJson = False,
 ) -> None:
-    """Write a study's results (curves, scores, configurations) into one small file, and the report on it beside."""
+    """Keep a study's results and the report on them in a small folder, which needs no runs."""
     result = run_task(REPORTER, "--study", str(find_folder(name).path), "--publish", str(output))
     done, runs = result["runs"].get("done", 0), sum(result["runs"].values())
     told = "" if done == runs else f" (of {done} of {runs} runs; the others are not done)"

@@ -1,6 +1,9 @@
 """Files come back whole or are refused in one clear line."""
 
+import os
 import subprocess
+from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -116,8 +119,14 @@ def test_a_missing_file(tmp_path):
     assert "no such file" in refusal(tmp_path / "none.safetensors")
 
 
-def test_an_unreadable_file(tmp_path):
-    assert "cannot be read" in refusal(tmp_path)
+def test_what_is_no_file_or_cannot_be_read(tmp_path, monkeypatch):
+    assert "is no file: check the path" in refusal(tmp_path)
+    os.mkfifo(tmp_path / "pipe")
+    assert "is no file: check the path" in refusal(tmp_path / "pipe")
+    path = tmp_path / "a.safetensors"
+    path.touch()
+    monkeypatch.setattr(Path, "read_bytes", Mock(side_effect=PermissionError(13, "Permission denied")))
+    assert "cannot be read (Permission denied)" in refusal(path)
 
 
 @pytest.mark.parametrize("content", [b"", b"hello", b"\xff" * 100, b"\x02" + bytes(7) + b"[]"])

@@ -4,7 +4,7 @@ import pytest
 import yaml
 
 from analysis.study import PlannedRun, Study, StudyFolder, planned_runs, read_study
-from common.strict import ConfigError
+from common.strict import ConfigError, flat
 from deploy.runs import runs_root
 from deploy.study.described import configurations, find_folder, find_study, named, save_study, shipped_studies
 
@@ -38,12 +38,29 @@ def refused(call, *arguments):
 def test_the_thesis_is_its_protocol():
     thesis = find_study("thesis")
     runs = configurations(thesis, cores=2)
-    assert len(runs) == 180
+    assert len(runs) == 240
     assert {config.episodes for config in runs.values()} == {1500}
-    assert {config.algorithm for config in runs.values()} == {"dqn", "ddqn", "dddqn", "ppo", "ppor", "sil"}
+    assert {config.algorithm for config in runs.values()} == {"dqn", "ddqn", "dddqn", "ppo", "ppor", "sil", "drqn"}
     assert runs[PlannedRun("sil", "hard", 10)].learning.replay.capacity == 40000  # table 5.3
     assert runs[PlannedRun("ddqn", "medium", 3)].learning.dqn.learn_every_steps == 40
     assert (thesis.evaluation.episodes, thesis.judgement.block, thesis.judgement.zones) == (1000, 100, 3)
+
+
+def test_the_letter_of_the_study_differs_from_ours_where_it_says():
+    literal, ours = (configurations(find_study(name), cores=2) for name in ("thesis-literal", "thesis"))
+    differ = {}
+    for contender in ("dqn", "ddqn", "dddqn", "ppo", "ppor", "sil"):
+        run = PlannedRun(contender, "hard", 1)
+        theirs, own = (flat(runs[run].science) for runs in (literal, ours))
+        differ[contender] = {key: theirs[key] for key in theirs if theirs[key] != own.get(key)}
+    world = {"decisions": "legacy", "observation.features": "plain"}
+    target = {"dqn.target_every": "episode", "dqn.target_tau": 0.01}
+    policy = {"ppo.returns": "standardised", "ppo.advantages": "plain"}
+    assert differ["dqn"] == world | {"dqn.transitions": "step"}
+    assert differ["ddqn"] == differ["dqn"] | target
+    assert differ["dddqn"] == differ["ddqn"] | {"network.kind": "dueling-apart"}
+    assert differ["ppo"] == differ["ppor"] == world | policy
+    assert differ["sil"] == differ["ppo"] | {"sil.returns": "bootstrapped", "replay.alpha_end": 0.0}
 
 
 @pytest.mark.parametrize("name", shipped_studies())

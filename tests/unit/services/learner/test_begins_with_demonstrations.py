@@ -64,6 +64,7 @@ def test_a_copy_of_another_version_is_refused_as_whatever_a_learner_cannot_begin
 
 def test_another_copy_is_refused(folder):
     config = folder.config()
+    folder.demonstrations_file.unlink()
     write_demonstrations(folder.demonstrations_file, WORLD, "somebody", 1, [course()])
     with pytest.raises(ValueError, match="is not what the run began with: restore it"):
         list(demonstrations_of(folder, config))
