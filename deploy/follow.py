@@ -38,6 +38,8 @@ def status_from_files(folder: RunFolder) -> Status:
     recent = [row.normalised_return for row in episodes[-100:]]
     alive = living(folder)
     outcome, reason = outcome_of(folder)
+    if "supervisor" in alive:
+        reason = f"its supervisor, process {alive['supervisor']}, does not answer: it begins or hangs; ask again"
     return Status(
         run=folder.path.name,
         path=str(folder.path),

@@ -14,6 +14,8 @@ def test_compiling_is_said_and_never_taken_for_hanging(clusters, undisturbed, tm
 
     def finished() -> bool:
         status = clusters.status("first")
+        if status["state"] == "unsupervised":  # yet: the machine is busy
+            return False
         seen.update(process["state"] for process in status["processes"])
         assert status["problems"] == []
         return status["state"] == "finished"

@@ -1,6 +1,7 @@
 """Following a run: every row once and in order, whatever the wire loses, and its status without a supervisor."""
 
 import json
+import os
 from types import SimpleNamespace
 
 import pytest
@@ -236,6 +237,13 @@ def test_the_status_of_a_run_that_lost_its_supervisor(folder):
         ("actor-easy-0", "actor", "easy"),
         ("router", "router", None),
     ]
+
+
+def test_a_supervisor_that_does_not_answer_is_not_said_to_have_ended(folder):
+    with sole(folder, "supervisor"):
+        status = status_from_files(folder)
+    assert (status.state, status.supervisor_pid) == ("unsupervised", os.getpid())
+    assert status.problems == [f"its supervisor, process {os.getpid()}, does not answer: it begins or hangs; ask again"]
 
 
 @pytest.mark.parametrize("level", ["rush-hour", "a-b-c", "2024-12-01", "any", "x" * 40])
