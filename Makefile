@@ -9,7 +9,7 @@ PACKAGES := adapters analysis common deploy services tools
 # All that runs and evaluations need, so that no first start takes a minute longer than others.
 COMPILERS := common.policy.compile services.learner.compile services.evaluator.references.compile
 
-.PHONY: install demo check test parity browser sb3 soak clean
+.PHONY: install demo check test parity browser sb3 soak results clean
 
 install: $(VENV)/installed
 
@@ -50,6 +50,12 @@ sb3: install
 
 soak: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m slow
+
+# Makes tables, figures and pages anew from the results that are kept with the project.
+results: install
+	for file in results/*/results.json.xz; do \
+		$(BIN)/python -m analysis.report --results $$file --output $$(dirname $$file) > /dev/null || exit 1; \
+	done
 
 clean:
 	rm -rf $(VENV)

@@ -97,7 +97,7 @@ def load(path: Path) -> Archived:
         raise ConfigError(f"{path}: {error.strerror}: give a file that railctl study publish wrote") from None
     except ValidationError as error:
         raise ConfigError(f"{path}: {describe(error, _Archive)}") from None
-    except (lzma.LZMAError, ValueError):
+    except (lzma.LZMAError, ValueError, RecursionError):
         raise ConfigError(f"{path}: damaged, or no results: give a file that railctl study publish wrote") from None
     return Archived(
         archive.study,

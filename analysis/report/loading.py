@@ -66,7 +66,7 @@ def load_study(folder: StudyFolder) -> Results:
         for level in study.levels
         for policy in study.references
     }
-    return _of_runs_of(study, runs, references)
+    return _results_of(study, runs, references)
 
 
 def load_results(path: Path) -> Results:
@@ -76,14 +76,14 @@ def load_results(path: Path) -> Results:
         ConfigError: it cannot be read.
     """
     study, runs, references = archive.load(path)
-    return _of_runs_of(
+    return _results_of(
         study,
         {run: runs.get(run, Trained()) for run in planned_runs(study)},
         {(policy, level): references.get((policy, level)) for level in study.levels for policy in study.references},
     )
 
 
-def _of_runs_of(
+def _results_of(
     study: Study, runs: dict[PlannedRun, Trained], references: Mapping[tuple[Reference, str], Scored | None]
 ) -> Results:
     return Results(

@@ -33,7 +33,7 @@ def run(
     configurations(study, used)
     folder = StudyFolder(runs_root() / study.name)
     goes_on = f"railctl study run {name}{f' --name {other_name}' if other_name else ''} goes on"
-    archived = None if results is None else _archived(results, study)
+    archived = None if results is None else _archived(results, study, folder)
     save_study(folder, study)
     if archived is not None:
         write_atomically(folder.results, archived)
@@ -57,14 +57,16 @@ def run(
         console.print(f"stopped; {goes_on}", markup=False, soft_wrap=True)
 
 
-def _archived(path: Path, study: Study) -> bytes:
+def _archived(path: Path, study: Study, folder: StudyFolder) -> bytes:
     """The content of a file of results, or of that in a folder.
 
     Raises:
-        ConfigError: it cannot be read, or is of another study.
+        ConfigError: it cannot be read, is of another study, or has less than the study was begun from.
     """
     path = StudyFolder(path).results if path.is_dir() else path
-    theirs = archive.load(path).study
-    if theirs.model_copy(update={"name": study.name}) != study:
-        raise ConfigError(f"--from {path}: these are results of another study ({theirs.name}): leave it out")
+    theirs = archive.load(path)
+    if theirs.study.model_copy(update={"name": study.name}) != study:
+        raise ConfigError(f"--from {path}: these are results of another study ({theirs.study.name}): leave it out")
+    if folder.results.exists() and not archive.load(folder.results).done <= theirs.done:
+        raise ConfigError(f"--from {path}: lacks runs that are in {folder.results}: leave it out to go on from those")
     return path.read_bytes()

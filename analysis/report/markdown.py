@@ -1,0 +1,51 @@
+"""python -m analysis.report.markdown FILE: the final scores in a file of results, as the documents have them."""
+
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from analysis.report import published
+from analysis.report.loading import load_results
+from analysis.report.results import Results, Scored
+from analysis.report.tables import NOTHING, Beside, Spread, shown
+
+
+def final_scores(results: Results) -> str:
+    """Table 5.2 of the study turned round, in Markdown: a row a contender, then a row a reference policy.
+
+    Mean returns ± their standard deviation over runs, in brackets the study's.
+    """
+    policies = dict.fromkeys(policy for policy, _level in results.references)
+    rows = [
+        *(
+            [f"`{name}`", *(_contender(results, name, level) for level in results.levels)]
+            for name in results.contenders
+        ),
+        *([f"`{name}`", *(_policy(results, name, level) for level in results.levels)] for name in policies),
+    ]
+    return "\n".join(_lines(("", *results.levels), rows))
+
+
+def _contender(results: Results, name: str, level: str) -> str:
+    means = [trained.scored.mean for trained in results.cell(name, level) if trained.scored]
+    if not means:
+        return NOTHING
+    ours = shown(Spread(float(np.mean(means)), float(np.std(means, ddof=1)) if len(means) > 1 else None), ".3f")
+    study = published.final(level, name)
+    return shown(Beside(ours, None if study is None else shown(study, ".2f", ".3g")), "")
+
+
+def _policy(results: Results, name: str, level: str) -> str:
+    found: Scored | None = results.references[name, level]
+    return NOTHING if found is None else shown(found.mean, ".3f")
+
+
+def _lines(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    for row in (headings, ["---"] * len(headings), *rows):
+        yield f"| {' | '.join(row)} |"
+
+
+if __name__ == "__main__":
+    print(final_scores(load_results(Path(sys.argv[1]))))  # noqa: T201  (that is what it is for)
