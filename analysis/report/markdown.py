@@ -4,12 +4,11 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from analysis.report import published
 from analysis.report.loading import load_results
 from analysis.report.results import Results, Scored
-from analysis.report.tables import NOTHING, Beside, Spread, shown
+from analysis.report.sections.final import spread
+from analysis.report.tables import NOTHING, Beside, shown
 
 
 def final_scores(results: Results) -> str:
@@ -29,10 +28,10 @@ def final_scores(results: Results) -> str:
 
 
 def _contender(results: Results, name: str, level: str) -> str:
-    means = [trained.scored.mean for trained in results.cell(name, level) if trained.scored]
-    if not means:
+    scored = [trained.scored for trained in results.cell(name, level) if trained.scored]
+    if not scored:
         return NOTHING
-    ours = shown(Spread(float(np.mean(means)), float(np.std(means, ddof=1)) if len(means) > 1 else None), ".3f")
+    ours = shown(spread(scored), ".3f")
     study = published.final(level, name)
     return shown(Beside(ours, None if study is None else shown(study, ".2f", ".3g")), "")
 

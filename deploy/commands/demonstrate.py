@@ -6,9 +6,9 @@ from typing import Annotated, Any, get_args
 import typer
 
 from common.levels.bank import bank_root
-from common.requests import MOST_EPISODES, MOST_ORDERS, PLANNING, DemonstrationRequest, Demonstrator
+from common.requests import MOST_EPISODES, DemonstrationRequest, Demonstrator
 from common.strict import ConfigError
-from deploy.commands.references import found_checkpoint
+from deploy.commands.references import check_orders, found_checkpoint
 from deploy.commands.up import without_none
 from deploy.levels import prepare_levels
 from deploy.output import AsJson, counted, one_line_errors, say
@@ -89,10 +89,7 @@ def _check(policy: str, episodes: int, orders: int | None, out: Path, *, sample:
     """Raise ConfigError if the options do not go together."""
     if not 1 <= episodes <= MOST_EPISODES:
         raise ConfigError(f"--episodes {episodes}: use 1 to {MOST_EPISODES}")
-    if orders is not None and policy not in PLANNING:
-        raise ConfigError(f"--orders: only planners try orders of trains, {policy} does not: leave it out")
-    if orders is not None and not 1 <= orders <= MOST_ORDERS:
-        raise ConfigError(f"--orders {orders}: use 1 to {MOST_ORDERS}")
+    check_orders(policy, orders)
     if sample is not None and policy in DEMONSTRATORS:
         raise ConfigError(
             f"--{'sample' if sample else 'greedy'}: {policy} is no network whose actions could be drawn, or the best: "

@@ -28,12 +28,17 @@ def check_reference(policy: str, draws: int | None, orders: int | None, *, sampl
     if sample is not None:
         given = "--sample" if sample else "--greedy"
         raise ConfigError(f"{given}: {policy} is no network whose actions could be drawn, or the best: leave it out")
+    check_orders(policy, orders)
+    if draws is not None and policy not in DRAWING:
+        raise ConfigError(f"--draws {draws}: {policy} draws nothing, leave it out")
+
+
+def check_orders(policy: str, orders: int | None) -> None:
+    """Raise ConfigError if orders of trains are of no use to a policy, or too many or few."""
     if orders is not None and policy not in PLANNING:
         raise ConfigError(f"--orders: only planners try orders of trains, {policy} does not: leave it out")
     if orders is not None and not 1 <= orders <= MOST_ORDERS:
         raise ConfigError(f"--orders {orders}: use 1 to {MOST_ORDERS}")
-    if draws is not None and policy not in DRAWING:
-        raise ConfigError(f"--draws {draws}: {policy} draws nothing, leave it out")
 
 
 def heading(result: dict[str, Any]) -> str:

@@ -38,13 +38,14 @@ def _level(results: Results, level: str) -> Iterator[list[Cell]]:
     for name in results.contenders:
         scored = [trained.scored for trained in results.cell(name, level) if trained.scored]
         if scored:
-            yield [level, name, len(scored), _spread(scored), published.final(level, name), *_shares(scored)]
+            yield [level, name, len(scored), spread(scored), published.final(level, name), *_shares(scored)]
     for (policy, of_level), found in results.references.items():
         if of_level == level and found:
             yield [level, policy, None, Spread(found.mean, None), None, *_shares([found])]
 
 
-def _spread(scored: list[Scored]) -> Spread:
+def spread(scored: list[Scored]) -> Spread:
+    """The mean return of runs, and its standard deviation over them if there are several."""
     means = [each.mean for each in scored]
     return Spread(float(np.mean(means)), float(np.std(means, ddof=1)) if len(means) > 1 else None)
 
@@ -75,7 +76,7 @@ def _best(results: Results) -> Iterator[str]:
     found = []
     for level in results.levels:
         scores = {
-            name: _spread(scored).mean
+            name: spread(scored).mean
             for name in results.contenders
             if (scored := [trained.scored for trained in results.cell(name, level) if trained.scored])
         }
