@@ -3,6 +3,7 @@
 Without `-P` a user's own `random.py` or `common/` would be imported instead of the standard library's, or of ours.
 """
 
+import os
 import sys
 
 PYTHON = (sys.executable, "-P")
@@ -15,3 +16,8 @@ def run_module(name: str, *arguments: str) -> list[str]:
     ['-P', '-m', 'services.router', '--run', 'runs/demo']
     """
     return [*PYTHON, "-m", name, *arguments]
+
+
+def run_worker(name: str, *arguments: str) -> list[str]:
+    """The command that runs a module for this process: it ends when this one does, however that ends."""
+    return run_module("common.worker", str(os.getpid()), name, *arguments)

@@ -4,7 +4,7 @@ import subprocess
 from pathlib import Path
 
 from common.folder import RunFolder
-from common.interpreter import run_module
+from common.interpreter import run_worker
 from deploy.runs import Failed
 
 
@@ -13,7 +13,7 @@ class CurveDrawing:
 
     def __init__(self, folder: RunFolder) -> None:
         self._process = subprocess.Popen(
-            run_module("analysis.curve", "--run", str(folder.path)),
+            run_worker("analysis.curve", "--run", str(folder.path)),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -11,12 +11,13 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 from rich.progress import Progress as Bar
 
-from common.interpreter import run_module
+from common.interpreter import run_worker
 from common.strict import ConfigError
 from common.task import WRONG_USAGE
 from deploy.plan import ENVIRONMENT
 from deploy.runs import Failed
 
+END_PATIENCE_S = 2.0
 LINE_EVERY_S = 5.0  # where there is no terminal to draw a bar on
 
 
@@ -27,7 +28,7 @@ def run_task(module: str, *arguments: str) -> dict[str, Any]:
         ConfigError: it was asked for what cannot be; the text is its own.
         Failed: it failed; likewise.
     """
-    command = run_module(module, *arguments)
+    command = run_worker(module, *arguments)
     with (
         tempfile.TemporaryFile("w+") as complaints,
         subprocess.Popen(
@@ -45,7 +46,7 @@ def run_task(module: str, *arguments: str) -> dict[str, Any]:
                     else:
                         result = document
         except BaseException:
-            process.terminate()
+            _end(process)
             raise
         _check_end(module, process.wait(), complaints)
     return result
@@ -59,7 +60,7 @@ class Task:
         self._said = tempfile.TemporaryFile("w+")  # noqa: SIM115  (it is read when the process has ended)
         self._complaints = tempfile.TemporaryFile("w+")  # noqa: SIM115
         self._process = subprocess.Popen(
-            run_module(module, *arguments),
+            run_worker(module, *arguments),
             stdin=subprocess.DEVNULL,
             stdout=self._said,
             stderr=self._complaints,
@@ -81,6 +82,15 @@ class Task:
     def end(self) -> None:
         """Have it end; it leaves nothing behind."""
         self._process.kill()
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """Have a task leave nothing half done, unless that takes long: compiled code hears of no signal."""
+    process.terminate()
+    try:
+        process.wait(END_PATIENCE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
 
 
 def _check_end(module: str, code: int, complaints: IO[str]) -> None:

@@ -21,7 +21,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from common.interpreter import run_module
+from common.interpreter import run_worker
 from common.levels.bank import LevelBank
 from common.levels.chunks import BankError, chunk_name, key_of, write_chunk
 from common.levels.distributions import Generated, LegacyLevels, StockLevels
@@ -180,7 +180,7 @@ def _run(root: Path, levels: Generated, seeds: Sequence[int], processes: int) ->
         request.write_text(content.model_dump_json())
         with complaints.open("wb") as errors:
             reading, writing = os.pipe()
-            command = run_module("common.levels.build", str(request))
+            command = run_worker("common.levels.build", str(request))
             workers = [subprocess.Popen(command, stdout=writing, stderr=errors) for _ in range(processes)]
             os.close(writing)
             try:

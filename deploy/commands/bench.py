@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from common.interpreter import run_module
+from common.interpreter import run_worker
 from common.strict import ConfigError, nearest
 from deploy.output import AsJson, one_line_errors
 from deploy.plan import ENVIRONMENT
@@ -74,7 +74,7 @@ def bench(
         "level": level,
         "algorithm": algorithm,
     }
-    command = run_module(BENCHES[what])
+    command = run_worker(BENCHES[what])
     for option, given in options.items():
         if given is None:
             continue

@@ -14,7 +14,7 @@ def begin(tmp_path, monkeypatch):
     """Begins a drawing that a process with this code carries out."""
 
     def begin(code):
-        monkeypatch.setattr(curve, "run_module", lambda *_: [*PYTHON, "-c", code])
+        monkeypatch.setattr(curve, "run_worker", lambda *_: [*PYTHON, "-c", code])
         return CurveDrawing(RunFolder(tmp_path))
 
     return begin

@@ -138,7 +138,7 @@ def measurer(monkeypatch):
     """Has another program stand for the one that measures."""
 
     def use(code=MEASURER):
-        monkeypatch.setattr(task, "run_module", lambda _module, *arguments: [*PYTHON, "-c", code, *arguments])
+        monkeypatch.setattr(task, "run_worker", lambda _module, *arguments: [*PYTHON, "-c", code, *arguments])
 
     use()
     return use
