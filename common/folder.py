@@ -35,6 +35,10 @@ class RunFolder:
         return self.path / "metrics.jsonl"
 
     @property
+    def events_file(self) -> Path:
+        return self.path / "events.jsonl"
+
+    @property
     def tensorboard(self) -> Path:
         return self.path / "tensorboard"
 

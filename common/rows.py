@@ -2,14 +2,19 @@
 
 import json
 import os
+from array import array
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import IO, Generic, TypeVar
 
 from pydantic import ValidationError
 
 from common.records.base import Record
 
 R = TypeVar("R", bound=Record)
+
+STRIDE = 1000  # rows from one place that is kept in memory to the next
 
 
 class DamagedRows(Exception):  # noqa: N818  (named for what is found)
@@ -22,22 +27,23 @@ def read_rows(path: Path, record_type: type[R]) -> list[R]:
     Raises:
         DamagedRows: a whole line is not a valid row.
     """
-    if not path.exists():
-        return []
-    *lines, _torn = path.read_bytes().split(b"\n")
-    rows = []
-    for number, line in enumerate(lines, start=1):
-        try:
-            rows.append(record_type.model_validate(json.loads(line)))
-        except (ValueError, ValidationError):
-            raise DamagedRows(
-                f"{path} line {number} is not a valid row: delete this and all later lines to lose only those"
-            ) from None
-    return rows
+    return list(each_row(path, record_type))
+
+
+def each_row(path: Path, record_type: type[R]) -> Iterator[R]:
+    """As `read_rows`, one after another: a run may have more than memory holds."""
+    if path.exists():
+        with path.open("rb") as file:
+            for number, line in enumerate(_whole_lines(file), start=1):
+                yield _row(path, record_type, number, line)
 
 
 class RowFile(Generic[R]):
-    """A row file that one process writes."""
+    """A row file that one process writes. Its rows stay on disk; in memory is where every thousandth of them begins.
+
+    Attributes:
+        count: how many rows there are.
+    """
 
     def __init__(self, path: Path, record_type: type[R]) -> None:
         """Open the file and cut off a torn last line.
@@ -45,26 +51,43 @@ class RowFile(Generic[R]):
         Raises:
             DamagedRows: as `read_rows`.
         """
-        self.rows = read_rows(path, record_type)
+        self._path, self._record_type = path, record_type
+        self.count = 0
+        self._places, self._end = array("q"), 0
+        path.touch()
+        with path.open("rb") as file:
+            for line in _whole_lines(file):
+                _row(path, record_type, self.count + 1, line)
+                self._count(line)
         self._file = path.open("ab")
-        self._ends = [0]
-        for line in path.read_bytes().split(b"\n")[: len(self.rows)]:
-            self._ends.append(self._ends[-1] + len(line) + 1)
-        self._file.truncate(self._ends[-1])
+        self._file.truncate(self._end)
 
     def append(self, row: R) -> None:
         """Write a row; a reader sees it at once, `sync` makes it outlive the machine."""
         line = row.model_dump_json(by_alias=True).encode() + b"\n"
         self._file.write(line)
         self._file.flush()
-        self._ends.append(self._ends[-1] + len(line))
-        self.rows.append(row)
+        self._count(line)
+
+    def read(self, first: int = 0, count: int | None = None) -> Iterator[R]:
+        """The rows from number `first` on, at most `count` of them, from disk."""
+        end = self.count if count is None else min(self.count, first + count)
+        if first >= end:
+            return
+        with self._path.open("rb") as file:
+            self._go_to(first, file)
+            for number, line in enumerate(islice(file, end - first), start=first + 1):
+                yield _row(self._path, self._record_type, number, line)
 
     def cut(self, count: int) -> list[R]:
         """Keep the first `count` rows; returns those cut off."""
-        cut_off = self.rows[count:]
-        del self.rows[count:], self._ends[count + 1 :]
-        self._file.truncate(self._ends[-1])
+        cut_off = list(self.read(count))
+        if cut_off:
+            with self._path.open("rb") as file:
+                self._go_to(count, file)
+                self.count, self._end = count, file.tell()
+            del self._places[-(-count // STRIDE) :]
+            self._file.truncate(self._end)
         return cut_off
 
     def sync(self) -> None:
@@ -73,3 +96,27 @@ class RowFile(Generic[R]):
 
     def close(self) -> None:
         self._file.close()
+
+    def _count(self, line: bytes) -> None:
+        if self.count % STRIDE == 0:
+            self._places.append(self._end)
+        self._end += len(line)
+        self.count += 1
+
+    def _go_to(self, number: int, file: IO[bytes]) -> None:
+        file.seek(self._places[number // STRIDE])
+        for _ in range(number % STRIDE):
+            file.readline()
+
+
+def _whole_lines(file: IO[bytes]) -> Iterator[bytes]:
+    return (line for line in file if line.endswith(b"\n"))  # only the last one can be torn
+
+
+def _row(path: Path, record_type: type[R], number: int, line: bytes) -> R:
+    try:
+        return record_type.model_validate(json.loads(line))
+    except (ValueError, ValidationError):
+        raise DamagedRows(
+            f"{path} line {number} is not a valid row: delete this and all later lines to lose only those"
+        ) from None

@@ -4,19 +4,25 @@ import json
 import queue
 import shutil
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
+from heapq import merge
+from itertools import islice
+from typing import Any
 
 from common.bus import Bus, NoAnswer
 from common.folder import RunFolder
 from common.locks import living
 from common.records.control import Empty, ProcessStatus, Progress, RunState, Status
 from common.records.rows import EpisodeRow, EvaluationRow, HistoryRequest
-from common.rows import read_rows
+from common.rows import each_row
 from common.wire import keys
+from common.wire.keys import Service
 
 ASK_TIMEOUT_S = 3.0
 Row = EpisodeRow | EvaluationRow
+History = Service[HistoryRequest, Any]
 
 
 def live_status(bus: Bus) -> Status:
@@ -31,11 +37,12 @@ def live_status(bus: Bus) -> Status:
 def status_from_files(folder: RunFolder) -> Status:
     """The status of a run whose supervisor does not answer."""
     config = folder.config()
-    episodes = read_rows(folder.episodes_file, EpisodeRow)
-    evaluations = read_rows(folder.evaluations_file, EvaluationRow)
+    done, recent = 0, deque[float](maxlen=100)
+    for row in each_row(folder.episodes_file, EpisodeRow):
+        done += 1
+        recent.append(row.normalised_return)
     checkpoints = len(list(folder.checkpoints.glob("*.safetensors"))) * len(config.mix)
     snapshots = [int(path.stem) for path in folder.snapshots.glob("*.safetensors") if path.stem.isdecimal()]
-    recent = [row.normalised_return for row in episodes[-100:]]
     alive = living(folder)
     outcome, reason = outcome_of(folder)
     if "supervisor" in alive:
@@ -48,12 +55,12 @@ def status_from_files(folder: RunFolder) -> Status:
         episodes=config.episodes,
         supervisor_pid=alive.get("supervisor"),
         progress=Progress(
-            done=len(episodes),
+            done=done,
             leased=0,
             waiting={},
             weights_version=None,
             snapshot=max(snapshots, default=0),
-            evaluations=len(evaluations),
+            evaluations=sum(1 for _ in each_row(folder.evaluations_file, EvaluationRow)),
             evaluations_due=checkpoints,
             return_last_100=sum(recent) / len(recent) if recent else None,
             episodes_per_s=0.0,
@@ -101,64 +108,57 @@ class Rows:
     def __init__(self, folder: RunFolder, bus: Bus) -> None:
         self._folder = folder
         self._bus = bus
-        self._episodes = 0
-        self._evaluations = 0
-        self._fresh: queue.SimpleQueue[Callable[[], list[Row]]] = queue.SimpleQueue()
+        self._seen: dict[History, int] = {keys.EPISODE_HISTORY: 0, keys.EVALUATION_HISTORY: 0}
+        self._fresh: queue.SimpleQueue[Callable[[], Iterable[Row]]] = queue.SimpleQueue()
         bus.subscribe(keys.EPISODE_ROWS, lambda row: self._fresh.put(partial(self._on_episode, row)))
-        bus.subscribe(keys.EVALUATION_ROWS, lambda _row: self._fresh.put(self._new_evaluations))
+        bus.subscribe(
+            keys.EVALUATION_ROWS, lambda _row: self._fresh.put(partial(self._missing, keys.EVALUATION_HISTORY))
+        )
 
-    def history(self) -> list[Row]:
+    def history(self) -> Iterator[Row]:
         """Everything up to now, evaluations after the episodes that they are of."""
-        rows: list[Row] = [*self._new_episodes(), *self._new_evaluations()]
-        return sorted(rows, key=_place)
+        return merge(
+            self._missing(keys.EPISODE_HISTORY), sorted(self._missing(keys.EVALUATION_HISTORY), key=_place), key=_place
+        )
 
-    def next(self, timeout_s: float) -> list[Row]:
+    def next(self, timeout_s: float) -> Iterable[Row]:
         """What has come since, waiting a while for it."""
         try:
             return self._fresh.get(timeout=timeout_s)()
         except queue.Empty:
             return []
 
-    def rest(self) -> list[Row]:
+    def rest(self) -> Iterator[Row]:
         """What is still missing when the cluster is gone, from the files."""
-        return rows_from_files(self._folder, self._episodes, self._evaluations)
+        return rows_from_files(self._folder, *self._seen.values())
 
-    def _on_episode(self, row: EpisodeRow) -> list[Row]:
-        if row.episode < self._episodes:
+    def _on_episode(self, row: EpisodeRow) -> Iterable[Row]:
+        if row.episode < self._seen[keys.EPISODE_HISTORY]:
             return []  # trained again after a restart: the same row
-        if row.episode > self._episodes:
-            return list(self._new_episodes())  # some got lost on the way
-        self._episodes += 1
+        if row.episode > self._seen[keys.EPISODE_HISTORY]:
+            return self._missing(keys.EPISODE_HISTORY)  # some got lost on the way
+        self._seen[keys.EPISODE_HISTORY] += 1
         return [row]
 
-    def _new_episodes(self) -> list[EpisodeRow]:
-        found: list[EpisodeRow] = []
-        try:
-            while True:
-                answer = self._bus.ask(keys.EPISODE_HISTORY, HistoryRequest(first=self._episodes), ASK_TIMEOUT_S)
-                found += answer.rows
-                self._episodes += len(answer.rows)
-                if not answer.rows or self._episodes >= answer.total:
-                    return found
-        except NoAnswer:
-            return found  # the learner is away; the next row, or the file, brings what is missing
-
-    def _new_evaluations(self) -> list[Row]:
-        try:
-            answer = self._bus.ask(keys.EVALUATION_HISTORY, HistoryRequest(first=self._evaluations), ASK_TIMEOUT_S)
-        except NoAnswer:
-            return []
-        self._evaluations += len(answer.rows)
-        return list(answer.rows)
+    def _missing(self, history: History) -> Iterator[Row]:
+        while True:
+            try:
+                answer = self._bus.ask(history, HistoryRequest(first=self._seen[history]), ASK_TIMEOUT_S)
+            except NoAnswer:
+                return  # who has it is away; the next row, or the file, brings what is missing
+            self._seen[history] += len(answer.rows)
+            yield from answer.rows
+            if not answer.rows or self._seen[history] >= answer.total:
+                return
 
 
-def rows_from_files(folder: RunFolder, episodes: int = 0, evaluations: int = 0) -> list[Row]:
+def rows_from_files(folder: RunFolder, episodes: int = 0, evaluations: int = 0) -> Iterator[Row]:
     """All rows on disk but the first `episodes` and `evaluations`, evaluations after the episodes that they are of."""
-    rows: list[Row] = [
-        *read_rows(folder.episodes_file, EpisodeRow)[episodes:],
-        *read_rows(folder.evaluations_file, EvaluationRow)[evaluations:],
-    ]
-    return sorted(rows, key=_place)
+    return merge(
+        islice(each_row(folder.episodes_file, EpisodeRow), episodes, None),
+        sorted(islice(each_row(folder.evaluations_file, EvaluationRow), evaluations, None), key=_place),
+        key=_place,
+    )
 
 
 def wait_until(come_true: Callable[[], bool], patience_s: float) -> bool:

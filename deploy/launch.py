@@ -9,6 +9,7 @@ import socket
 import subprocess
 import time
 import uuid
+from collections import deque
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
@@ -23,8 +24,10 @@ from common.folder import RunFolder, write_atomically
 from common.interpreter import run_module
 from common.levels.own import LEVELS, ReadLevels
 from common.locks import living
+from common.records.rows import EpisodeRow, EvaluationRow, EventRow, MetricRow
+from common.rows import DamagedRows, each_row
 from common.rules.settings import DEMONSTRATIONS_FILE, START_FILE
-from common.snapshots import newest_snapshot
+from common.snapshots import check_history, newest_snapshot
 from common.strict import ConfigError
 from deploy.demonstrations import copy_demonstrations
 from deploy.plan import ENVIRONMENT
@@ -115,14 +118,23 @@ def check_existing(folder: RunFolder, config: RunConfig) -> None:
     """See that a run can go on before anything is started or changed.
 
     Raises:
-        Failed: this machine cannot run it, its folder is read-only, or its newest snapshot is damaged.
+        Failed: this machine cannot run it, its folder is read-only, a row is damaged, or its newest snapshot
+            is damaged, of another configuration, or of rows that are not there.
     """
     check_machine(config)
     if not os.access(folder.path, os.W_OK):
         raise Failed(f"cannot write to {folder.path}: make it writable, or copy the run to another folder")
     try:
-        newest_snapshot(folder)
-    except CheckpointError as error:
+        for path, kind in (
+            (folder.episodes_file, EpisodeRow),
+            (folder.evaluations_file, EvaluationRow),
+            (folder.metrics_file, MetricRow),
+            (folder.events_file, EventRow),
+        ):
+            deque(each_row(path, kind), maxlen=0)
+        if (newest := newest_snapshot(folder, config)) is not None:
+            check_history(folder.episodes_file, each_row(folder.episodes_file, EpisodeRow), newest[1])
+    except (CheckpointError, DamagedRows) as error:
         raise Failed(str(error)) from None
 
 

@@ -7,13 +7,14 @@ from pathlib import Path
 from common.interpreter import run_module
 from common.records.base import Role
 
-# One thread a process for numerics, and bits that do not depend on memory alignment.
+# One thread a process for numerics, bits that do not depend on memory alignment, and logs without colours.
 ENVIRONMENT = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
     "MKL_CBWR": "AUTO,STRICT",
     "PYTHONUNBUFFERED": "1",
+    "NO_COLOR": "1",
 }
 
 

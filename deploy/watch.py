@@ -3,7 +3,7 @@
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from rich.live import Live
 from rich.text import Text
@@ -12,7 +12,7 @@ from common.bus import Bus, NoAnswer
 from common.folder import RunFolder
 from common.locks import holder
 from common.records.rows import EvaluationRow
-from deploy.follow import Rows, live_status
+from deploy.follow import Row, Rows, live_status
 from deploy.output import console
 from deploy.runs import Failed, reach, supervised
 from deploy.show import progress_line, row_line, view
@@ -79,7 +79,7 @@ def _loop(
     every_s: float,
 ) -> None:
     due = 0.0
-    fresh = rows.history()
+    fresh: Iterable[Row] = rows.history()
     while True:
         for row in fresh:
             if isinstance(row, EvaluationRow):

@@ -1,12 +1,27 @@
 """The lines of a run's files, and how they are asked for."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
 from common.levels.distributions import LevelName
-from common.records.base import Count, Digest, Name, Record
+from common.records.base import Count, Digest, Name, Record, Text
 from common.rules.settings import Mode
+
+EventKind = Literal[
+    "started",
+    "adopted",
+    "died",
+    "hung",
+    "scaled",
+    "paused",
+    "resumed",
+    "refused",
+    "reissued",
+    "finished",
+    "stopped",
+    "failed",
+]
 
 
 class EpisodeRow(Record):
@@ -56,6 +71,15 @@ class EvaluationRow(Record):
     score: float | None = None  # the mean of flatland-rl 4.3.0's own; None: as for episodes
 
     model_config = ConfigDict(populate_by_name=True)
+
+
+class EventRow(Record):
+    """A line of `events.jsonl`: something that happened to a run or one of its processes."""
+
+    time: Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z$")]  # UTC
+    kind: EventKind
+    process: Name | None
+    text: Text
 
 
 class HistoryRequest(Record):

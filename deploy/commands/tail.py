@@ -1,6 +1,6 @@
 """railctl tail: every row of a run, from the first on, as it comes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Annotated
 
 import typer
@@ -35,7 +35,7 @@ def tail(run: RunName = None, as_json: Lines = False) -> None:
         pass
 
 
-def _print(rows: Sequence[EpisodeRow | EvaluationRow], *, as_json: bool) -> None:
+def _print(rows: Iterable[EpisodeRow | EvaluationRow], *, as_json: bool) -> None:
     for row in rows:
         if as_json:
             print(row.model_dump_json(by_alias=True), flush=True)

@@ -10,7 +10,7 @@ from analysis.study import PlannedRun, Study, StudyFolder, planned_runs
 from common.folder import RunFolder
 from common.locks import holder
 from common.records.rows import EpisodeRow
-from common.rows import DamagedRows, read_rows
+from common.rows import DamagedRows, each_row
 from deploy.follow import outcome_of
 from deploy.runs import supervised
 
@@ -114,7 +114,7 @@ def run_progress(folder: StudyFolder, study: Study, run: PlannedRun) -> RunProgr
         state: State = "done" if folder.evaluation(run).exists() else "trained"
         return RunProgress(run, state, study.episodes)
     try:
-        episodes = len(read_rows(place.episodes_file, EpisodeRow))
+        episodes = sum(1 for _ in each_row(place.episodes_file, EpisodeRow))
     except DamagedRows as error:
         return RunProgress(run, "failed", 0, str(error))
     if supervised(place):

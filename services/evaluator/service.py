@@ -41,7 +41,7 @@ class Evaluator:
             self._file = RowFile(context.folder.evaluations_file, EvaluationRow)
         except DamagedRows as error:
             raise Fatal(str(error)) from None
-        self._done = {(row.episode, row.level) for row in self._file.rows}
+        self._done = {(row.episode, row.level) for row in self._file.read()}
         self._announced = threading.Event()
         self._levels = supply_of(context.config.world.levels, context.folder.path)
         self._network = chooser_of(context.config)
@@ -62,8 +62,8 @@ class Evaluator:
             waited_s += LOOK_S
 
     def _on_history(self, question: Question[HistoryRequest, EvaluationRows]) -> None:
-        first, rows = question.request.first, self._file.rows
-        question.answer(EvaluationRows(rows=rows[first : first + HISTORY_CHUNK], total=len(rows)))
+        rows = list(self._file.read(question.request.first, HISTORY_CHUNK))
+        question.answer(EvaluationRows(rows=rows, total=self._file.count))
 
     def _evaluate_new(self) -> None:
         try:
@@ -131,4 +131,4 @@ class Evaluator:
         self._beat("evaluating")
 
     def _beat(self, state: str, *, now: bool = False) -> None:
-        self._context.heartbeat.beat(state, lambda: EvaluatorReport(evaluations=len(self._file.rows)), now=now)
+        self._context.heartbeat.beat(state, lambda: EvaluatorReport(evaluations=self._file.count), now=now)

@@ -8,16 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from common import checkpoint
-from common.checkpoint import CheckpointError, Tensors
-from common.config import RunConfig, config_of_science
+from common.checkpoint import CheckpointError, Metadata, Tensors
+from common.config import RunConfig
 from common.folder import RunFolder
 from common.machine import processor
 from common.policy.flat import Arrays
 from common.process import Fatal
 from common.records.rows import EpisodeRow
 from common.rows import DamagedRows, RowFile
-from common.snapshots import newest_snapshot
-from common.strict import ConfigError
+from common.snapshots import check_history, episodes_of, newest_snapshot
 
 log = logging.getLogger(__name__)
 
@@ -39,16 +38,12 @@ class Archive:
             for half_written in kept.glob(".*.tmp"):  # by a learner that was killed
                 half_written.unlink()
         try:
-            self._rows = RowFile(folder.episodes_file, EpisodeRow)
+            self.rows = RowFile(folder.episodes_file, EpisodeRow)
         except DamagedRows as error:
             raise Fatal(str(error)) from None
         self.snapshot = 0  # episodes in the newest snapshot
         self.version = 0  # of the weights in it
         self.exact_until: int | None = None  # set when a snapshot comes from another arithmetic
-
-    @property
-    def rows(self) -> list[EpisodeRow]:
-        return self._rows.rows
 
     def resume(self) -> Tensors | None:
         """The newest snapshot, None at the very start; later rows are set aside, to compare with those to come.
@@ -56,42 +51,39 @@ class Archive:
         Raises:
             Fatal: the snapshot is damaged, belongs to another configuration, or rows are missing.
         """
+        tensors: Tensors | None = None
         try:
-            newest = newest_snapshot(self._folder)
+            newest = newest_snapshot(self._folder, self._config)
+            if newest is not None:
+                tensors, metadata = newest
+                check_history(self._folder.episodes_file, self.rows.read(), metadata)
+                self._take_up(metadata)
         except CheckpointError as error:
             raise Fatal(str(error)) from None
-        tensors: Tensors | None = None
-        if newest is not None:
-            tensors, metadata = newest
-            if not _is_of(self._config, metadata.get("science", "")):
-                raise Fatal("the newest snapshot has another configuration: restore config.yaml or use a new run name")
-            self.snapshot = int(metadata.get("episode", "0"))
-            self.version = int(metadata.get("weights_version", "0"))
-            if not repeats(metadata.get("arithmetic", ""), with_torch=self._config.learning.learns_with_torch):
-                self.exact_until = self.snapshot
-                log.warning("exactness ends at episode %d: snapshot %s", self.snapshot, metadata.get("arithmetic"))
-        if [row.episode for row in self.rows[: self.snapshot]] != list(range(self.snapshot)):
-            raise Fatal(
-                f"{self._folder.episodes_file} does not hold the {self.snapshot} episodes of the newest snapshot: "
-                "restore the file, or delete snapshots that are newer than its last good row"
-            )
-        self._expected = {row.episode: row.digest for row in self._rows.cut(self.snapshot)}
+        self._expected = {row.episode: row.digest for row in self.rows.cut(self.snapshot)}
         return tensors
+
+    def _take_up(self, metadata: Metadata) -> None:
+        self.snapshot = episodes_of(metadata)
+        self.version = int(metadata.get("weights_version", "0"))
+        if not repeats(metadata.get("arithmetic", ""), with_torch=self._config.learning.learns_with_torch):
+            self.exact_until = self.snapshot
+            log.warning("exactness ends at episode %d: snapshot %s", self.snapshot, metadata.get("arithmetic"))
 
     def close(self) -> None:
         """Close the row file."""
-        self._rows.close()
+        self.rows.close()
 
     def append(self, row: EpisodeRow) -> None:
         """Write the row of a trained episode."""
         before = self._expected.pop(row.episode, row.digest)
         if before != row.digest:
             log.error("episode %d is not what it was before the restart: %s, then %s", row.episode, before, row.digest)
-        self._rows.append(row)
+        self.rows.append(row)
 
     def save_snapshot(self, state: Tensors, episode: int, version: int, kept: int = KEPT_SNAPSHOTS) -> None:
         """Write everything that training goes on from, and keep the last few."""
-        self._rows.sync()
+        self.rows.sync()
         checkpoint.save(_file(self._folder.snapshots, episode), state, self._metadata(episode, version), "snapshot")
         self.snapshot, self.version = episode, version
         for old in sorted(self._folder.snapshots.glob("*.safetensors"))[:-kept]:
@@ -122,14 +114,6 @@ class Archive:
             "science": self._science,
             "arithmetic": arithmetic(with_torch=self._config.learning.learns_with_torch),
         }
-
-
-def _is_of(config: RunConfig, science: str) -> bool:
-    """Whether a file's science is that of a configuration, however its version wrote it."""
-    try:
-        return config_of_science(science).science == config.science
-    except (ValueError, ConfigError):
-        return False
 
 
 def repeats(there: str, *, with_torch: bool) -> bool:

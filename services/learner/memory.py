@@ -1,6 +1,7 @@
 """What a snapshot holds besides the trainer's state, as named arrays: all that the learner itself must not forget."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from msgpack._cmsgpack import Packer  # as in `common.wire.codec`
@@ -13,7 +14,7 @@ from common.wire.codec import decode, encode, encoding_of, unpack
 from services.learner.former import blocks_of_now, fragment_of_flat, fragment_of_mapping
 
 # What the names of its arrays begin with:
-OLDER, SETTLED, OPEN = "weights/", "settled/", "open/"
+OLDER, SETTLED, OPEN, NOTED = "weights/", "settled/", "open/", "noted/"
 
 
 @dataclass(frozen=True)
@@ -24,11 +25,13 @@ class Memory:
         older: earlier weights, by version, that episodes to come still act with.
         settled: the weights after the last whole episode, which is what checkpoints are of.
         opened: the fragments, trained on already, of the open episode.
+        noted: what telemetry has noted of that.
     """
 
     older: dict[int, Arrays]
     settled: Arrays
     opened: list[Fragment]
+    noted: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     def tensors(self) -> Tensors:
         """As named arrays."""
@@ -37,7 +40,7 @@ class Memory:
             arrays |= {f"{OLDER}{version}/{name}": array for name, array in weights.items()}
         for number, fragment in enumerate(self.opened):
             arrays[f"{OPEN}{number:06d}"] = np.frombuffer(encode(fragment), np.uint8)
-        return arrays
+        return arrays | {f"{NOTED}{name}": np.array(values, np.float64) for name, values in self.noted.items()}
 
 
 def take_memory(snapshot: Tensors) -> Memory:
@@ -49,6 +52,7 @@ def take_memory(snapshot: Tensors) -> Memory:
     older: dict[int, Tensors] = {}
     settled: Tensors = {}
     opened: list[Fragment] = []
+    noted: dict[str, list[float]] = {}
     for name in sorted(snapshot):
         if name.startswith(OLDER):
             version, _, parameter = name.removeprefix(OLDER).partition("/")
@@ -57,7 +61,9 @@ def take_memory(snapshot: Tensors) -> Memory:
             settled[name.removeprefix(SETTLED)] = snapshot.pop(name)
         elif name.startswith(OPEN):
             opened.append(_fragment(snapshot.pop(name).tobytes(), opened))
-    return Memory(dict(older), settled, opened)
+        elif name.startswith(NOTED):
+            noted[name.removeprefix(NOTED)] = snapshot.pop(name).tolist()
+    return Memory(dict(older), settled, opened, noted)
 
 
 def _fragment(body: bytes, before: list[Fragment]) -> Fragment:

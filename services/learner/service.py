@@ -59,23 +59,23 @@ class Learner:
             raise Fatal(str(error)) from None
         self._settled = self._trainer.weights()  # after the last whole episode
         self._weights: dict[int, Arrays] = {}
-        fragments = [] if snapshot is None else self._restore(snapshot)
+        memory = Memory({}, self._settled, []) if snapshot is None else self._restore(snapshot)
         self._board = Board(context.folder.board_file, self._trainer.weights(), self._kept_versions)
-        self._account = Account(self._archive.rows, time.monotonic())
+        self._account = Account(self._archive.rows.read(), time.monotonic())
         self._desk: Desk[LeaseQuestion] = Desk(
             Schedule.of(self._config),
             self._config.world.n_features,
-            Start(self._archive.snapshot, self._archive.version, self._account.steps, fragments),
+            Start(self._archive.snapshot, self._archive.version, self._account.steps, memory.opened),
         )
         self._actors: set[str] = set()  # the incarnations of those that live
         self._inline: InlineActor | None = None  # made when it is needed
         self._acts = False
-        self._telemetry = Telemetry(context.folder, self._archive.snapshot, context.bus.traffic)
+        self._telemetry = Telemetry(context.folder, self._archive.snapshot, context.bus.traffic, memory.noted)
         self._ended: OpenEpisode | None = None  # trained, but its row and files are still due
         self._paused = context.folder.paused_file.exists()
 
-    def _restore(self, snapshot: Tensors) -> list[Fragment]:
-        """Take on a snapshot; returns the fragments of its open episode."""
+    def _restore(self, snapshot: Tensors) -> Memory:
+        """Take on a snapshot; returns what it holds besides the trainer's state."""
         try:
             memory = take_memory(snapshot)
             if memory.settled.keys() != self._settled.keys():
@@ -85,7 +85,7 @@ class Learner:
             raise Fatal(f"the newest snapshot does not fit this version: {error}: use the one that wrote it") from None
         self._weights = dict(memory.older)
         self._settled = memory.settled
-        return memory.opened
+        return memory
 
     def run(self) -> None:
         """Serve until asked to stop; then leave a snapshot that holds everything."""
@@ -185,7 +185,7 @@ class Learner:
 
     def _on_history(self, question: Question[HistoryRequest, EpisodeRows]) -> None:
         first, rows = question.request.first, self._archive.rows
-        question.answer(EpisodeRows(rows=rows[first : first + HISTORY_CHUNK], total=len(rows)))
+        question.answer(EpisodeRows(rows=list(rows.read(first, HISTORY_CHUNK)), total=rows.count))
 
     def _on_command(self, question: Question[LearnerCommand, CommandAnswer]) -> None:
         self._end_episode()  # a snapshot counts on its row
@@ -305,7 +305,7 @@ class Learner:
         ledger = self._desk.ledger
         versions = range(max(0, ledger.trained - self._config.lag), ledger.trained)
         older = {version: self._weights[version] for version in versions}
-        memory = Memory(older, self._settled, self._desk.opened.fragments)
+        memory = Memory(older, self._settled, self._desk.opened.fragments, self._telemetry.noted())
         kept = 1 if ledger.finished else KEPT_SNAPSHOTS
         state = self._trainer.state() | memory.tensors()
         self._archive.save_snapshot(state, ledger.trained, ledger.version, kept)

@@ -6,7 +6,7 @@ Times are wall-clock seconds of an episode: `acting_s` and `actor_waited_s` (for
 """
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -17,16 +17,23 @@ from common.records.rows import MetricRow
 from common.rows import DamagedRows, RowFile
 from services.learner.events import EventFile
 
-SUMS = ("updates", "transitions", "learning_s", "publishing_s", "learner_waited_s")  # all else is a mean
+Noted = Mapping[str, Sequence[float]]  # of each metric, what the fragments of an episode say
+
+TRAFFIC = ("messages", "message_bytes")
+SUMS = ("updates", "transitions", "learning_s", "publishing_s", "learner_waited_s", *TRAFFIC)  # all else is a mean
 
 
 class Telemetry:
     """The metrics of a run, from its newest snapshot on."""
 
-    def __init__(self, folder: RunFolder, episodes: int, traffic: Traffic) -> None:
+    def __init__(self, folder: RunFolder, episodes: int, traffic: Traffic, noted: Noted | None = None) -> None:
         """Open the files and forget the rows of episodes from number `episodes` on: they are trained again.
 
-        `traffic` is the learner's, counted on elsewhere.
+        Args:
+            folder: of the run.
+            episodes: how many are in its newest snapshot.
+            traffic: the learner's, counted on elsewhere.
+            noted: of the episode that is open in the snapshot, as `noted` gave it then.
 
         Raises:
             Fatal: the row file is damaged.
@@ -35,9 +42,9 @@ class Telemetry:
             self._rows = RowFile(folder.metrics_file, MetricRow)
         except DamagedRows as error:
             raise Fatal(str(error)) from None
-        self._rows.cut(sum(row.episode < episodes for row in self._rows.rows))
+        self._rows.cut(sum(row.episode < episodes for row in self._rows.read()))
         self._events = EventFile(folder.tensorboard, episodes)
-        self._noted: dict[str, list[float]] = {}
+        self._noted = {name: list(values) for name, values in (noted or {}).items()}
         self._traffic, self._before = traffic, replace(traffic)
         self._idle_since = time.perf_counter()
 
@@ -62,17 +69,21 @@ class Telemetry:
         for name, value in metrics.items():
             self._note(name, value)
 
+    def noted(self) -> Noted:
+        """What is noted of the open episode so far; nothing between episodes."""
+        if self._noted:
+            self._note_traffic()
+        return self._noted
+
     def end_episode(self, episode: int, *, acting_s: float, waited_s: float) -> None:
         """The episode is over: write its row."""
+        self._note_traffic()
         metrics = {name: sum(values) / (1 if name in SUMS else len(values)) for name, values in self._noted.items()}
         metrics |= {
             "fragments": float(len(self._noted["learning_s"])),
             "acting_s": acting_s,
             "actor_waited_s": waited_s,
-            "messages": float(self._traffic.messages - self._before.messages),
-            "message_bytes": float(self._traffic.size - self._before.size),
         }
-        self._before = replace(self._traffic)
         self._noted = {}
         self._rows.append(MetricRow(episode=episode, metrics={name: round(v, 7) for name, v in metrics.items()}))
         self._events.add(episode, metrics)
@@ -81,6 +92,12 @@ class Telemetry:
         """Close the files."""
         self._rows.close()
         self._events.close()
+
+    def _note_traffic(self) -> None:
+        now, before = self._traffic, self._before
+        for name, value in zip(TRAFFIC, (now.messages - before.messages, now.size - before.size), strict=True):
+            self._note(name, float(value))
+        self._before = replace(now)
 
     def _note(self, name: str, value: float) -> None:
         self._noted.setdefault(name, []).append(value)

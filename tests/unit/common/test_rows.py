@@ -1,11 +1,13 @@
 """Row files: a line that was cut off in mid-write never counts, and a damaged one is named."""
 
+import gc
 import os
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common import rows as rows_module
 from common.records.rows import EpisodeRow
 from common.rows import DamagedRows, RowFile, read_rows
 
@@ -47,7 +49,7 @@ def test_rows_come_back_and_each_is_readable_at_once(tmp_path):
     file = RowFile(path, EpisodeRow)
     for number in range(3):
         file.append(row(number))
-        assert read_rows(path, EpisodeRow) == file.rows == [row(n) for n in range(number + 1)]
+        assert read_rows(path, EpisodeRow) == list(file.read()) == [row(n) for n in range(number + 1)]
     file.close()
     assert path.read_bytes().count(b"\n") == 3
 
@@ -76,7 +78,7 @@ def test_a_file_cut_anywhere_holds_the_first_rows_and_goes_on_from_there(tmp_pat
     assert path.stat().st_size == size  # reading changes nothing
 
     file = RowFile(path, EpisodeRow)
-    assert file.rows == expected
+    assert list(file.read()) == expected
     assert path.read_bytes() == b"".join(whole.splitlines(keepends=True)[:kept])
     for number in range(kept, 3):
         file.append(row(number))
@@ -116,9 +118,9 @@ def test_cutting_returns_what_it_cuts_off_and_the_file_goes_on(tmp_path):
     path = written(tmp_path / "rows.jsonl", 5)
     file = RowFile(path, EpisodeRow)
     assert file.cut(2) == [row(2), row(3), row(4)]
-    assert read_rows(path, EpisodeRow) == file.rows == [row(0), row(1)]
+    assert read_rows(path, EpisodeRow) == list(file.read()) == [row(0), row(1)]
     file.append(row(9))
-    assert read_rows(path, EpisodeRow) == file.rows == [row(0), row(1), row(9)]
+    assert read_rows(path, EpisodeRow) == list(file.read()) == [row(0), row(1), row(9)]
     assert file.cut(3) == []
     assert file.cut(7) == []
     assert file.cut(0) == [row(0), row(1), row(9)]
@@ -135,3 +137,36 @@ def test_rows_are_on_disk_when_sync_returns(tmp_path, monkeypatch):
     file.sync()
     file.close()
     assert synced == [path.stat().st_size]
+
+
+def test_any_stretch_can_be_read_and_any_be_cut_off(tmp_path, monkeypatch):
+    monkeypatch.setattr(rows_module, "STRIDE", 3)
+    file = RowFile(written(tmp_path / "rows.jsonl", 8), EpisodeRow)
+    expected = [row(number) for number in range(8)]
+    for kept in (8, 7, 6, 4, 3, 1, 0):
+        file.cut(kept)
+        assert file.count == kept
+        for first in range(9):
+            assert list(file.read(first)) == expected[first:kept]
+            assert list(file.read(first, 3)) == expected[first:kept][:3]
+        for number in range(kept, 8):
+            file.append(row(number))
+        assert list(file.read()) == expected
+    file.close()
+
+
+def test_rows_stay_on_disk(tmp_path):
+    before = objects()
+    file = RowFile(written(tmp_path / "rows.jsonl", 2000), EpisodeRow)
+    for number in range(2000, 4000):
+        file.append(row(number))
+    assert objects() == before
+    assert file.count == 4000
+    assert next(file.read(3999)) == row(3999)
+    assert len(file._places) == 4000 // rows_module.STRIDE
+    file.close()
+
+
+def objects():
+    gc.collect()
+    return sum(isinstance(found, EpisodeRow) for found in gc.get_objects())

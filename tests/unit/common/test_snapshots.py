@@ -1,12 +1,28 @@
 """The snapshot that a run goes on from is the newest one, and a damaged one says what deleting it leads to."""
 
+import json
+
 import numpy as np
 import pytest
 
 from common import checkpoint
 from common.checkpoint import CheckpointError
+from common.config import parse_config
 from common.folder import RunFolder
 from common.snapshots import newest_snapshot
+
+CONFIG = parse_config(
+    {
+        "algorithm": "dqn",
+        "rule": "dqn",
+        "mix": {"easy": 1.0},
+        "episodes": 20,
+        "network": {},
+        "dqn": {"learning_rate": 0.001, "batch_size": 8, "learn_every_steps": 4},
+        "replay": {"capacity": 100},
+        "cluster": {"actors": {"easy": 1}},
+    }
+)
 
 
 @pytest.fixture
@@ -17,19 +33,24 @@ def folder(tmp_path):
 
 def save(folder, episode):
     path = folder.snapshots / f"{episode:08d}.safetensors"
-    checkpoint.save(path, {"w": np.full(3, episode, np.float32)}, {"episode": str(episode)}, "snapshot")
+    checkpoint.save(
+        path,
+        {"w": np.full(3, episode, np.float32)},
+        {"episode": str(episode), "science": json.dumps(CONFIG.science)},
+        "snapshot",
+    )
     return path
 
 
 def test_before_the_first_there_is_none(folder, tmp_path):
-    assert newest_snapshot(folder) is None
-    assert newest_snapshot(RunFolder(tmp_path / "nowhere")) is None
+    assert newest_snapshot(folder, CONFIG) is None
+    assert newest_snapshot(RunFolder(tmp_path / "nowhere"), CONFIG) is None
 
 
 def test_the_newest_is_the_one_of_most_episodes_whenever_it_was_written(folder):
     for episode in (100, 9, 20):
         save(folder, episode)
-    tensors, metadata = newest_snapshot(folder)
+    tensors, metadata = newest_snapshot(folder, CONFIG)
     assert tensors["w"].tolist() == [100, 100, 100]
     assert metadata["episode"] == "100"
 
@@ -37,7 +58,7 @@ def test_the_newest_is_the_one_of_most_episodes_whenever_it_was_written(folder):
 def test_what_is_only_half_written_does_not_count(folder):
     save(folder, 5)
     (folder.snapshots / ".00000009.safetensors.77.tmp").write_bytes(b"half")
-    assert newest_snapshot(folder)[1]["episode"] == "5"
+    assert newest_snapshot(folder, CONFIG)[1]["episode"] == "5"
 
 
 @pytest.mark.parametrize(("others", "then"), [((), "from the start"), ((3, 4), "from 00000004.safetensors")])
@@ -47,9 +68,15 @@ def test_a_damaged_one_says_what_deleting_it_leads_to(folder, others, then):
     path = save(folder, 5)
     path.write_bytes(path.read_bytes()[:-1] + b"\xff")
     with pytest.raises(CheckpointError) as caught:
-        newest_snapshot(folder)
+        newest_snapshot(folder, CONFIG)
     text = str(caught.value)
     assert text.startswith(f"{path}: damaged")
     assert text.endswith(f", or delete it to go on {then}, to the same curve")
     path.unlink()
-    assert (newest_snapshot(folder) is None) is (not others)
+    assert (newest_snapshot(folder, CONFIG) is None) is (not others)
+
+
+def test_one_of_another_configuration_is_not_gone_on_from(folder):
+    save(folder, 5)
+    with pytest.raises(CheckpointError, match=r"^the newest snapshot has another configuration: restore config\.yaml"):
+        newest_snapshot(folder, CONFIG.model_copy(update={"seed": CONFIG.seed + 1}))

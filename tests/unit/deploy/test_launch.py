@@ -13,6 +13,7 @@ import pytest
 from common import checkpoint
 from common.interpreter import PYTHON
 from common.locks import sole
+from common.records.rows import EpisodeRow
 from common.strict import ConfigError
 from deploy import launch
 from deploy.launch import (
@@ -36,6 +37,22 @@ from common.locks import sole
 with sole(RunFolder(Path(sys.argv[1])), "supervisor"):
     sys.stdin.read()
 """
+ROW = EpisodeRow(
+    episode=0,
+    level="easy",
+    seed=1,
+    normalised_return=-0.5,
+    arrived=1,
+    trains=2,
+    steps=30,
+    decisions=4,
+    epsilon=0.1,
+    weights_version=0,
+    digest="0" * 32,
+    actor="learner",
+    acting_s=0.25,
+    trained_unix_s=1000.0,
+).model_dump_json(by_alias=True)
 
 
 @pytest.fixture
@@ -192,15 +209,40 @@ def test_a_read_only_run_is_refused(run, monkeypatch):
     )
 
 
+def save_snapshot(run, episodes, settings):
+    run.snapshots.mkdir(exist_ok=True)
+    path = run.snapshots / f"{episodes:08d}.safetensors"
+    metadata = {"science": json.dumps(settings.science), "episode": str(episodes)}
+    checkpoint.save(path, {"w": np.ones(3, np.float32)}, metadata, "snapshot")
+    return path
+
+
 def test_a_damaged_newest_snapshot_is_refused_and_an_older_one_does_not_matter(run):
-    run.snapshots.mkdir()
-    older, newest = (run.snapshots / f"0000000{number}.safetensors" for number in (1, 2))
-    for path in (older, newest):
-        checkpoint.save(path, {"w": np.ones(3, np.float32)}, {}, "snapshot")
+    older, newest = save_snapshot(run, 0, config()), save_snapshot(run, 1, config())
+    run.episodes_file.write_text(f"{ROW}\n")
     older.write_bytes(b"damaged")
     check_existing(run, config())
     newest.write_bytes(newest.read_bytes()[:-1] + b"\xff")
     assert failure(check_existing, run, config()).startswith(f"{newest}: damaged")
+
+
+def test_a_snapshot_of_another_configuration_is_refused(run):
+    save_snapshot(run, 0, config())
+    other = config().model_copy(update={"seed": 99})
+    assert failure(check_existing, run, other).startswith("the newest snapshot has another configuration: restore ")
+
+
+def test_a_snapshot_whose_rows_are_cut_off_is_refused(run):
+    save_snapshot(run, 1, config())
+    run.episodes_file.write_text(ROW[:40])
+    assert "does not hold the 1 episodes of the newest snapshot" in failure(check_existing, run, config())
+
+
+@pytest.mark.parametrize("name", ["episodes", "evaluations", "metrics", "events"])
+def test_a_damaged_row_is_refused(run, name):
+    path = run.path / f"{name}.jsonl"
+    path.write_text(f"{ROW[:40]}\n")
+    assert failure(check_existing, run, config()).startswith(f"{path} line 1 is not a valid row: ")
 
 
 def test_an_existing_run_needs_the_machine_too(run, taken_port):

@@ -1,11 +1,13 @@
 """The plan of a cluster: which processes, and the commands that start them."""
 
 import importlib.util
+import os
+import subprocess
 from pathlib import Path
 
-from common.interpreter import run_module
+from common.interpreter import PYTHON, run_module
 from common.levels.distributions import shipped
-from deploy.plan import actors, cluster
+from deploy.plan import ENVIRONMENT, actors, cluster
 
 
 def test_a_cluster_is_a_router_a_learner_an_evaluator_and_its_actors():
@@ -42,3 +44,16 @@ def test_commands_name_the_service_the_run_and_what_an_actor_is():
 def test_every_service_can_be_started_as_a_module():
     for spec in cluster({"easy": 1}):
         assert importlib.util.find_spec(f"services.{spec.role}.__main__") is not None
+
+
+def test_what_processes_log_has_no_colours():
+    code = "from common.bus import open_router\nwith open_router('tcp/127.0.0.1:0'): pass"
+    environment = os.environ | {"RUST_LOG": "debug"}
+    logs = [
+        subprocess.run([*PYTHON, "-c", code], env=environment | told, capture_output=True, check=True)
+        for told in (ENVIRONMENT, {"NO_COLOR": ""})
+    ]
+    plain, coloured = (done.stdout + done.stderr for done in logs)
+    assert b"zenoh" in plain
+    assert b"\x1b[" not in plain
+    assert b"\x1b[" in coloured

@@ -98,7 +98,7 @@ def snapshots(folder):
 def test_a_new_run_starts_from_nothing(folder):
     archive = Archive(folder, config())
     assert archive.resume() is None
-    assert (archive.rows, archive.snapshot, archive.exact_until) == ([], 0, None)
+    assert (archive.rows.count, archive.snapshot, archive.exact_until) == (0, 0, None)
     assert archive.checkpoints(20) == []
 
 
@@ -109,7 +109,7 @@ def test_rows_beyond_the_newest_snapshot_are_cut_and_trained_again(folder):
     assert tensors["trainer/episodes"] == 5
     assert tensors["weights"].tolist() == [5, 5, 5]
     assert archive.snapshot == 5
-    assert archive.rows == read_rows(folder.episodes_file, EpisodeRow) == [row(n) for n in range(5)]
+    assert list(archive.rows.read()) == read_rows(folder.episodes_file, EpisodeRow) == [row(n) for n in range(5)]
     archive.append(row(5))
     assert read_rows(folder.episodes_file, EpisodeRow) == [row(n) for n in range(6)]
 
@@ -118,7 +118,7 @@ def test_without_a_snapshot_all_rows_are_cut(folder):
     trained(folder, 3)
     archive = Archive(folder, config())
     assert archive.resume() is None
-    assert archive.rows == read_rows(folder.episodes_file, EpisodeRow) == []
+    assert list(archive.rows.read()) == read_rows(folder.episodes_file, EpisodeRow) == []
 
 
 def test_a_replay_that_repeats_is_silent(folder, caplog):
@@ -193,7 +193,7 @@ def test_the_advice_about_missing_rows_helps(folder):
     (folder.snapshots / "00000005.safetensors").unlink()
     archive = Archive(folder, config())
     assert archive.resume()["trainer/episodes"] == 3
-    assert len(archive.rows) == 3
+    assert archive.rows.count == 3
 
 
 def test_damaged_rows_are_fatal(folder):

@@ -1,5 +1,6 @@
 """A learner that goes on from a snapshot can still hand out all that its leases name."""
 
+import gc
 from functools import partial
 from types import SimpleNamespace
 
@@ -17,10 +18,11 @@ from common.process import Fatal
 from common.rail.normalise import N_FEATURES
 from common.records.acting import LeaseRequest, WeightsRequest
 from common.records.control import Empty, LearnerCommand
-from common.records.rows import EpisodeRow
+from common.records.rows import EpisodeRow, HistoryRequest, MetricRow
 from common.rows import read_rows
 from common.wire import keys
 from common.wire.keys import Alive
+from services.learner import service
 from services.learner.service import Learner
 
 
@@ -374,3 +376,41 @@ def test_weights_that_are_not_finite_end_the_run_and_nobody_gets_them(tmp_path, 
     assert board.get(1) is None
     board.close()
     cluster.learner.close()
+
+
+def test_history_is_read_from_disk_when_somebody_asks(tmp_path, monkeypatch):
+    monkeypatch.setattr(service, "HISTORY_CHUNK", 2)
+    cluster = Cluster(RunFolder(tmp_path), config(0))
+    cluster.come("one")
+    for _ in range(5):
+        cluster.bring(acted(cluster.lease("one")))
+    gc.collect()
+    assert not [found for found in gc.get_objects() if type(found) in (EpisodeRow, MetricRow)]
+    answers = [cluster.ask(keys.EPISODE_HISTORY, HistoryRequest(first=first)).answered for first in (0, 2, 4, 5)]
+    assert [[row.episode for row in answer.rows] for answer in answers] == [[0, 1], [2, 3], [4], []]
+    assert {answer.total for answer in answers} == {5}
+    cluster.learner.close()
+
+
+def test_the_metrics_of_an_episode_in_which_a_run_stopped_are_those_of_one_undisturbed(tmp_path):
+    rows = []
+    for name, stops in (("undisturbed", False), ("stopped", True)):
+        folder = RunFolder(tmp_path / name)
+        folder.path.mkdir()
+        cluster = Cluster(folder, config(0, fragment_steps=4))
+        for number in range(6):
+            if stops and number in (4, 5):
+                cluster.save()
+                cluster.learner.close()
+                cluster = Cluster(folder, config(0, fragment_steps=4))
+            cluster.come("one")
+            cluster.bring(acted(cluster.lease("one")))
+        cluster.learner.close()
+        rows.append([told(row.metrics) for row in read_rows(folder.metrics_file, MetricRow)])
+    assert rows[0] == rows[1]
+    assert [row["fragments"] for row in rows[0]] == [3, 3]
+
+
+def told(metrics):
+    """What is the same whenever it is told."""
+    return {name: value for name, value in metrics.items() if not name.endswith("_s") and "message" not in name}

@@ -13,6 +13,8 @@ from services.learner.memory import Memory, take_memory
 from services.learner.opened import OpenEpisode
 from services.learner.selfcheck import made_up_episode
 
+NOTED = {"loss": [0.1, 0.25], "updates": [1.0]}
+
 
 def weights(number):
     return {"q.bias": np.full(3, number, np.float32)}
@@ -20,11 +22,14 @@ def weights(number):
 
 def test_a_memory_comes_back_and_leaves_what_is_not_its_own():
     fragments = cut(make_episode(3), [7, 20])[:2]
-    snapshot = Memory({4: weights(4), 11: weights(11)}, weights(5), fragments).tensors() | {"replay/x": np.zeros(1)}
+    snapshot = Memory({4: weights(4), 11: weights(11)}, weights(5), fragments, NOTED).tensors() | {
+        "replay/x": np.zeros(1)
+    }
     memory = take_memory(snapshot)
     assert list(snapshot) == ["replay/x"]
     assert {version: tensors["q.bias"][0] for version, tensors in memory.older.items()} == {4: 4.0, 11: 11.0}
     assert memory.settled["q.bias"].tolist() == [5.0] * 3
+    assert memory.noted == NOTED
     assert OpenEpisode(memory.opened).digest == OpenEpisode(fragments).digest
 
 

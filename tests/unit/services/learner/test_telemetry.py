@@ -12,13 +12,17 @@ from common.process import Fatal
 from services.learner.telemetry import Telemetry
 
 
+def tell(telemetry, fragment):
+    with telemetry.learning():
+        pass
+    with telemetry.publishing():
+        pass
+    telemetry.note(fragment)
+
+
 def told(telemetry, episode, *fragments):
     for fragment in fragments:
-        with telemetry.learning():
-            pass
-        with telemetry.publishing():
-            pass
-        telemetry.note(fragment)
+        tell(telemetry, fragment)
     telemetry.end_episode(episode, acting_s=0.5, waited_s=0.25)
 
 
@@ -64,6 +68,27 @@ def test_what_is_trained_again_is_told_again_and_only_once(tmp_path):
         (2, 2.0),
         (3, 33.0),
     ]
+
+
+def test_what_an_open_episode_has_noted_is_told_with_the_rest_of_it(tmp_path):
+    fragments = [{"updates": 1.0, "loss": 2.0}, {"updates": 0.0}, {"updates": 3.0, "loss": 0.1}]
+    before = Telemetry(RunFolder(tmp_path), 0, traffic := Traffic())
+    assert before.noted() == {}
+    tell(before, fragments[0])
+    traffic.counted(b"four")
+    noted = {name: list(values) for name, values in before.noted().items()}
+    before.close()
+    after = Telemetry(RunFolder(tmp_path), 0, traffic := Traffic(), noted)
+    traffic.counted(b"six...")
+    told(after, 0, *fragments[1:])
+    after.close()
+    [row] = rows(RunFolder(tmp_path))
+    assert (row["metrics"]["messages"], row["metrics"]["message_bytes"]) == (2.0, 10.0)
+    assert {name: row["metrics"][name] for name in ("updates", "loss", "fragments")} == {
+        "updates": 4.0,
+        "loss": 1.05,
+        "fragments": 3.0,
+    }
 
 
 def test_a_damaged_file_is_fatal_and_named(tmp_path):
