@@ -12,7 +12,7 @@ from rich.text import Text
 
 from common.compile_signs import COMPILING
 from common.records.control import Status
-from common.records.rows import EpisodeRow, EvaluationRow
+from common.records.rows import EpisodeRow, EvaluationRow, EventRow
 
 SHOWN_EVALUATIONS = 8
 SHOWN_PROBLEMS = 3
@@ -192,6 +192,11 @@ def row_line(row: EpisodeRow | EvaluationRow) -> str:
         f"arrived {row.arrived_share:.0%}  all arrived {row.all_arrived_share:.0%}  steps {row.mean_steps:.0f}"
         f"{'' if row.score is None else f'  score {row.score:.3f}'}"
     )
+
+
+def event_line(event: EventRow) -> str:
+    """An event, with the time in UTC."""
+    return f"{event.time[:10]} {event.time[11:19]}Z  {event.text}"
 
 
 def number(value: float | None) -> str:

@@ -20,10 +20,11 @@ from common.locks import holder, living, sole
 from common.process import EXIT_RUNS_ALREADY, STARTING, Stopping, run_service
 from common.records.control import CommandAnswer, Empty, ScaleRequest, Status
 from common.records.heartbeats import Heartbeat
-from common.records.rows import EpisodeRow
-from common.rows import DamagedRows, read_rows
+from common.records.rows import EpisodeRow, EventKind
+from common.rows import DamagedRows, each_row
 from common.wire import keys
 from deploy.curve import CurveDrawing
+from deploy.events import EventLog, changes
 from deploy.overview import overview, progress_of, run_is_complete
 from deploy.plan import ENVIRONMENT, ProcessSpec, actors, cluster
 from deploy.runs import Failed
@@ -32,6 +33,7 @@ from deploy.supervisor import (
     Beat,
     Event,
     Exited,
+    Happening,
     Kill,
     Launch,
     Limits,
@@ -65,6 +67,7 @@ class Runner:
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._pids: dict[str, int] = {}
         self._beats: dict[str, tuple[Heartbeat, float]] = {}
+        self._events = EventLog(folder)
         self._inbox = Inbox()
         self._bus: Bus | None = None
         self._log_starts: dict[str, int] = {}
@@ -75,6 +78,8 @@ class Runner:
     def run(self, stopping: Stopping) -> Quit:
         """Supervise until the run is finished, stopped or failed."""
         with ExitStack() as stack:
+            stack.callback(self._events.close)
+            self._tell("started", "supervisor", f"supervisor started as process {os.getpid()}")
             for name, pid in living(self._folder).items():
                 if name != "supervisor":
                     self._adopt(name, pid)
@@ -90,6 +95,8 @@ class Runner:
                 if run_is_complete(self._config, self._beats):
                     self._handle(StopAsked("finished"))
                 self._handle(Tick(connected=self._bus is not None and self._bus.connected()))
+            outcome, reason = self._quit.outcome, self._quit.reason
+            self._tell(outcome, None, f"{outcome}: {reason}" if reason else outcome)
             return self._quit
 
     def _draw_when_trained(self) -> None:
@@ -134,10 +141,14 @@ class Runner:
 
     def _adopt(self, name: str, pid: int) -> None:
         log.info("takes over %s, process %d", name, pid)
+        self._tell("adopted", name, f"{name} taken over, process {pid}")
         self._pids[name] = pid
         self._handle(Adopted(name))
 
     def _on_beat(self, beat: Heartbeat) -> None:
+        before, _ = self._beats.get(beat.process, (None, 0.0))
+        for happening in changes(before, beat):
+            self._events.write(happening)
         self._beats[beat.process] = (beat, time.time())
         if beat.state != STARTING:
             self._handle(Beat(beat.process))
@@ -159,6 +170,7 @@ class Runner:
         unserved = [level for level in self._config.mix if not (counts.get(level) or counts.get("any"))]
         if unserved and any(counts.values()):  # with none at all the learner acts
             text += f"; episodes of {', '.join(unserved)} wait for some"
+        self._tell("scaled", None, text)
         question.answer(CommandAnswer(done=True, text=text))
 
     def _on_stop(self, question: Question[Empty, CommandAnswer]) -> None:
@@ -171,7 +183,10 @@ class Runner:
         return overview(self._folder, self._config, self._mind, self._pids, self._beats)
 
     def _handle(self, event: Event) -> None:
-        for order in self._mind.on(event, time.monotonic()):
+        orders = self._mind.on(event, time.monotonic())
+        for happening in self._mind.take_story():
+            self._events.write(happening)
+        for order in orders:
             match order:
                 case Launch():
                     self._launch(order.spec)
@@ -194,8 +209,12 @@ class Runner:
                 start_new_session=True,
             )
         log.info("started %s as process %d", spec.name, child.pid)
+        self._tell("started", spec.name, f"{spec.name} started as process {child.pid}")
         self._children[spec.name] = child
         self._pids[spec.name] = child.pid
+
+    def _tell(self, kind: EventKind, process: str | None, text: str) -> None:
+        self._events.write(Happening(kind, process, text))
 
     def _signal(self, process: str, number: signal.Signals) -> None:
         pid = self._pids.get(process)
@@ -235,7 +254,7 @@ def main() -> None:
         outcome = {"outcome": end.outcome, "reason": end.reason}
         write_atomically(folder.outcome_file, json.dumps(outcome))
         try:
-            if read_rows(folder.episodes_file, EpisodeRow):
+            if next(each_row(folder.episodes_file, EpisodeRow), None):
                 log.info("drew %s", runner.draw())
         except (DamagedRows, Failed) as error:
             log.warning("%s", error)

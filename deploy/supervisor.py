@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from common.process import EXIT_FATAL
+from common.records.rows import EventKind
 from deploy.plan import ProcessSpec
 
 FIRST_BACK_OFF_S = 0.5
@@ -102,6 +103,15 @@ class Quit:
 Order = Launch | Terminate | Kill | Quit
 
 
+@dataclass(frozen=True)
+class Happening:
+    """Something worth to be written down."""
+
+    kind: EventKind
+    process: str | None
+    text: str
+
+
 @dataclass
 class Ward:
     """A process under supervision."""
@@ -121,6 +131,7 @@ class Supervisor:
         self.wards = {spec.name: Ward(spec) for spec in specs}
         self.stopping: Quit | None = None
         self.problems: list[str] = []
+        self._story: list[Happening] = []
         self._times_asked = 0  # by the user, to stop
         self._wanted = set(self.wards)
         self._limits = limits
@@ -144,6 +155,11 @@ class Supervisor:
             case StopAsked():
                 return self._on_stop_asked(event.outcome, now)
 
+    def take_story(self) -> list[Happening]:
+        """What has happened since this was last called."""
+        story, self._story = self._story, []
+        return story
+
     def _on_tick(self, connected: bool, now: float) -> list[Order]:
         if connected and not self._connected:
             for ward in self.wards.values():  # what was said while we could not hear counts for nobody
@@ -161,7 +177,9 @@ class Supervisor:
                 orders.append(Kill(ward.spec.name))
                 if ward.state in ("starting", "running"):
                     silent = f"gave no sign of life for {self._patience_s(ward):g} s"
-                    self._note(f"{ward.spec.name} {silent if self._connected else 'lets nobody connect'}: killed")
+                    self._tell(
+                        "hung", ward.spec.name, f"{silent if self._connected else 'lets nobody connect'}: killed"
+                    )
                     ward.state, ward.since = "hung", now
         return orders
 
@@ -216,7 +234,9 @@ class Supervisor:
             return [self._launch(ward, now)]
         if event.code == EXIT_FATAL:
             del self.wards[event.process]
-            return self._stop(Quit("failed", f"{event.process} cannot go on{_colon(event.last_words)}"), now)
+            reason = f"{event.process} cannot go on{_colon(event.last_words)}"
+            self._story.append(Happening("died", event.process, reason))
+            return self._stop(Quit("failed", reason), now)
         return self._on_death(ward, event, now)
 
     def _on_death(self, ward: Ward, event: Exited, now: float) -> list[Order]:
@@ -229,11 +249,12 @@ class Supervisor:
                 f"{event.process} {died} {len(ward.deaths)} times within {window_s:g} s"
                 f"{_colon(event.last_words)}; see logs/{event.process}.log"
             )
+            self._story.append(Happening("died", event.process, reason))
             return self._stop(Quit("failed", reason), now)
         ward.restarts += 1
         back_off = min(LONGEST_BACK_OFF_S, FIRST_BACK_OFF_S * 2 ** (len(ward.deaths) - 1))
         ward.state, ward.since = "waiting", now + back_off
-        self._note(f"{event.process} {died}: started again")
+        self._tell("died", event.process, f"{died}: starts again in {back_off:g} s")
         return []
 
     def _on_wanted(self, actors: tuple[ProcessSpec, ...], now: float) -> list[Order]:
@@ -286,6 +307,11 @@ class Supervisor:
                     orders.append(Kill(ward.spec.name))
             return orders
         return [self.stopping]
+
+    def _tell(self, kind: EventKind, process: str, text: str) -> None:
+        """A trouble of a process."""
+        self._story.append(Happening(kind, process, f"{process} {text}"))
+        self._note(f"{process} {text}")
 
     def _note(self, problem: str) -> None:
         self.problems = [*self.problems[-99:], problem]

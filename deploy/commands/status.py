@@ -1,26 +1,35 @@
 """railctl status: how far a run is, and how its processes are."""
 
+import json
+
 from common.bus import NoAnswer
+from deploy.events import last_events
 from deploy.follow import live_status, status_from_files
 from deploy.output import AsJson, RunName, console, one_line_errors, print_table
 from deploy.runs import find_run, reach
-from deploy.show import process_table, progress_line
+from deploy.show import event_line, process_table, progress_line
+
+SHOWN_EVENTS = 5
 
 
 @one_line_errors
 def status(run: RunName = None, as_json: AsJson = False) -> None:
-    """Show a run's progress and every process: role, level, pid, state, restarts, last heartbeat."""
+    """Show a run's progress, every process (role, level, pid, state, restarts, last heartbeat) and the last events."""
     folder = find_run(run)
     try:
         with reach(folder) as bus:
             found = live_status(bus)
     except NoAnswer:
         found = status_from_files(folder)
+    events = last_events(folder, SHOWN_EVENTS)
     if as_json:
-        print(found.model_dump_json(indent=2))
+        document = found.model_dump(mode="json") | {"events": [event.model_dump(mode="json") for event in events]}
+        print(json.dumps(document, indent=2))
         return
     console.print(f"{found.run}: {progress_line(found)}", markup=False, soft_wrap=True)
     if found.processes:
         print_table(process_table(found))
     for problem in found.problems:
         console.print(f"! {problem}", markup=False, soft_wrap=True)
+    for event in events:
+        console.print(event_line(event), markup=False, soft_wrap=True)

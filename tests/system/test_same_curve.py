@@ -5,6 +5,7 @@ import signal
 import pytest
 
 from common.locks import living
+from deploy.events import last_events
 from deploy.runs import supervised
 from tools.bench.alone import Alone
 
@@ -60,6 +61,12 @@ def test_killing_everything_one_after_another_changes_nothing(clusters, undistur
     assert rows.episodes == list(range(EPISODES))
     assert rows.evaluations == [20, 40]
     assert living(clusters.folder("killed")) == {}
+    events = last_events(clusters.folder("killed"), 1000)
+    assert {event.process for event in events if event.kind == "died"} >= {"actor-easy-0", "learner"}
+    assert {event.process for event in events if event.kind == "adopted"} == set(survivors)
+    assert {"paused", "resumed"} <= {event.kind for event in events}
+    assert [event.kind for event in events].count("finished") == 1
+    assert [event.time for event in events] == sorted(event.time for event in events)
 
 
 def test_a_learner_that_acts_itself_and_is_killed_gives_the_same_curve(clusters, undisturbed, tail):

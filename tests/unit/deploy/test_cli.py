@@ -19,8 +19,10 @@ from common.records.rows import EpisodeRow, EpisodeRows, EvaluationRows
 from common.rows import RowFile
 from common.wire import keys
 from deploy.cli import app
+from deploy.events import EventLog
 from deploy.launch import new_run, write_cluster_file
 from deploy.resolve import resolve
+from deploy.supervisor import Happening
 
 VERBS = ["up", "status", "tail", "logs", "scale", "pause", "resume", "checkpoint", "down"]
 VERBS += ["evaluate", "demonstrate", "doctor", "bench"]
@@ -372,8 +374,8 @@ def test_the_status_of_a_run_that_is_not_running(root):
     text = output("status")
     assert text.startswith("one: failed  3/10 episodes  return(100) -0.500")
     assert "! no disk [Errno 28]" in text
-    found = Status.model_validate_json(output("status", "--json"))
-    assert (found.run, found.state, found.progress.done) == ("one", "failed", 3)
+    found = json.loads(output("status", "--json"))
+    assert (found["run"], found["state"], found["progress"]["done"]) == ("one", "failed", 3)
 
 
 def test_the_rows_of_a_run_that_is_not_running(root):
@@ -399,10 +401,14 @@ def test_what_may_not_be_read_is_named(root, monkeypatch):
     folder = make()
     write_episodes(folder, 1)
 
-    def refuse(path):
-        raise PermissionError(13, "Permission denied", str(path))
+    opened = Path.open
 
-    monkeypatch.setattr(Path, "read_bytes", refuse)
+    def refuse(path, *arguments, **options):
+        if path == folder.episodes_file:
+            raise PermissionError(13, "Permission denied", str(path))
+        return opened(path, *arguments, **options)
+
+    monkeypatch.setattr(Path, "open", refuse)
     assert complaint(FAILED, "tail", "one") == (
         f"{folder.episodes_file}: Permission denied: use a folder that you may read and write"
     )
@@ -495,7 +501,21 @@ def test_the_status_of_a_running_run(cluster):
     assert text.startswith("one: running ...")
     assert "77" in text
     assert "! something [is] wrong" in text
-    assert Status.model_validate_json(output("status", "--json")).supervisor_pid == 1
+    document = json.loads(output("status", "--json"))
+    assert document.pop("events") == []
+    assert Status.model_validate_json(json.dumps(document)).supervisor_pid == 1
+
+
+def test_the_status_ends_with_the_last_events(cluster, root):
+    log = EventLog(RunFolder(root / "one"))
+    for number in range(7):
+        log.write(Happening("died", "learner", f"learner died [{number}]"))
+    log.close()
+    lines = output("status", "one").splitlines()[-5:]
+    assert [line.partition("Z  ")[2] for line in lines] == [f"learner died [{number}]" for number in range(2, 7)]
+    told = json.loads(output("status", "one", "--json"))["events"]
+    assert [event["text"] for event in told] == [f"learner died [{number}]" for number in range(2, 7)]
+    assert lines[-1].startswith(f"{told[-1]['time'][:10]} {told[-1]['time'][11:19]}Z")
 
 
 @pytest.mark.parametrize("verb", ["pause", "resume", "checkpoint"])

@@ -154,7 +154,7 @@ def test_a_process_that_waits_to_restart_says_so():
     found = overview(RunFolder(Path("runs/one")), CONFIG, mind, pids, beats())
     [learner] = [process for process in found.processes if process.process == "learner"]
     assert (learner.state, learner.restarts, learner.pid) == ("waiting to restart", 1, None)
-    assert found.problems == ["learner died (exit code 1): started again"]
+    assert found.problems == ["learner died (exit code 1): starts again in 0.5 s"]
 
 
 def test_a_process_that_does_not_run_is_not_said_to_do_what_it_did_last():

@@ -15,6 +15,7 @@ from deploy.supervisor import (
     Adopted,
     Beat,
     Exited,
+    Happening,
     Kill,
     Launch,
     Limits,
@@ -99,6 +100,24 @@ def test_a_process_runs_from_its_first_beat_on():
     assert mind.on(Beat("nobody"), 1.0) == []
 
 
+# What is written down
+
+
+def test_a_death_a_silence_and_an_end_are_told_once():
+    mind = running()
+    mind.on(died("evaluator", -9), 1.0)
+    assert mind.take_story() == [
+        Happening("died", "evaluator", "evaluator died (signal 9): starts again in 0.5 s"),
+    ]
+    assert mind.take_story() == []
+    keep_alive(mind, 5.0, but=("learner",))
+    mind.on(HERE, 1.0 + HANG_S)
+    mind.on(HERE, 1.1 + HANG_S)
+    assert mind.take_story() == [Happening("hung", "learner", "learner gave no sign of life for 10 s: killed")]
+    mind.on(died("learner", EXIT_FATAL, "no room"), 12.0)
+    assert mind.take_story() == [Happening("died", "learner", "learner cannot go on: no room")]
+
+
 # Death
 
 
@@ -173,7 +192,7 @@ def test_what_a_restart_cannot_mend_ends_the_run_with_its_last_words():
 def test_a_death_is_told_with_what_is_known_of_it(code, text):
     mind = running()
     mind.on(died("evaluator", code), 1.0)
-    assert mind.problems == [f"evaluator {text}: started again"]
+    assert mind.problems == [f"evaluator {text}: starts again in 0.5 s"]
 
 
 def test_a_process_that_nobody_asked_to_end_died_even_if_it_ended_well():
@@ -256,7 +275,7 @@ def test_processes_that_live_are_taken_over_and_the_others_are_started():
     assert launched(mind.on(AWAY, 3.1)) == ["learner", "actor-easy-0"]
     assert states(mind)["actor-easy-1"] == "running"
     mind.on(died("actor-easy-1", code=None), 4.0)
-    assert mind.problems == ["actor-easy-1 died: started again"]
+    assert mind.problems == ["actor-easy-1 died: starts again in 0.5 s"]
 
 
 def test_an_actor_that_nobody_wants_any_more_is_killed_and_forgotten():
