@@ -11,7 +11,7 @@ app = group(
         ),
         "status": Verb(
             "deploy.commands.status:status",
-            "Show a run's progress, every process (role, level, pid, state, restarts, last heartbeat) and the last events.",
+            "Show a run's progress, its processes (role, level, pid, state, restarts, last heartbeat) and last events.",
         ),
         "tail": Verb(
             "deploy.commands.tail:tail",

@@ -46,7 +46,7 @@ def run_task(module: str, *arguments: str) -> dict[str, Any]:
                     else:
                         result = document
         except BaseException:
-            _end(process)
+            end(process, END_PATIENCE_S)
             raise
         _check_end(module, process.wait(), complaints)
     return result
@@ -84,11 +84,11 @@ class Task:
         self._process.kill()
 
 
-def _end(process: subprocess.Popen[str]) -> None:
-    """Have a task leave nothing half done, unless that takes long: compiled code hears of no signal."""
+def end(process: subprocess.Popen[Any], patience_s: float) -> None:
+    """Have a process leave nothing half done, unless that takes too long: compiled code hears of no signal."""
     process.terminate()
     try:
-        process.wait(END_PATIENCE_S)
+        process.wait(patience_s)
     except subprocess.TimeoutExpired:
         process.kill()
 

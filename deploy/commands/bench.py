@@ -4,7 +4,8 @@ import os
 import signal
 import subprocess
 import sys
-from threading import Event
+from contextlib import suppress
+from queue import Empty, SimpleQueue
 from typing import Annotated
 
 import typer
@@ -14,6 +15,7 @@ from common.strict import ConfigError, nearest
 from deploy.output import AsJson, one_line_errors
 from deploy.plan import ENVIRONMENT
 from deploy.runs import Failed
+from deploy.task import end
 
 BENCHES = {
     "world": "tools.bench.world",
@@ -34,7 +36,9 @@ TAKES = {
     "level": ("cluster", "loop"),
     "algorithm": ("cluster",),
 }
-INTERRUPTED = 130  # as shells say it
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+BY_SIGNAL = 128  # and its number, as shells say it
+END_PATIENCE_S = 20.0
 LOOK_S = 0.1
 
 
@@ -93,15 +97,16 @@ def bench(
 
 def _run(command: list[str]) -> int:
     """Run a command to its end; it speaks for itself, and is no concern of the terminal's Ctrl-C, but of ours."""
-    interrupted = Event()
-    before = signal.signal(signal.SIGINT, lambda *_: interrupted.set())  # an exception might come while it starts
+    asked: SimpleQueue[int] = SimpleQueue()  # an exception might come while it starts
+    before = {number: signal.signal(number, lambda got, _frame: asked.put(got)) for number in ENDING}
     try:
         with subprocess.Popen(command, env=os.environ | ENVIRONMENT, process_group=0) as process:
             while process.poll() is None:
-                if interrupted.wait(LOOK_S):
-                    process.terminate()
-                    process.wait()
-                    sys.exit(INTERRUPTED)
+                with suppress(Empty):
+                    number = asked.get(timeout=LOOK_S)
+                    end(process, END_PATIENCE_S)  # a run that it started has to be stopped
+                    sys.exit(BY_SIGNAL + number)
             return process.returncode
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -14,7 +14,7 @@ SHOWN_EVENTS = 5
 
 @one_line_errors
 def status(run: RunName = None, as_json: AsJson = False) -> None:
-    """Show a run's progress, every process (role, level, pid, state, restarts, last heartbeat) and the last events."""
+    """Show a run's progress, its processes (role, level, pid, state, restarts, last heartbeat) and last events."""
     folder = find_run(run)
     try:
         with reach(folder) as bus:

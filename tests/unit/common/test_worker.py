@@ -27,7 +27,10 @@ CALLERS = {
     "task": "from deploy import task; task.END_PATIENCE_S = 0.1; task.run_task('busy', sys.argv[1])",
     "task beside others": "from deploy.task import Task; t = Task('busy', sys.argv[1]); signal.pause()",
     "worker of a worker": "from deploy.task import run_task; run_task('between', sys.argv[1])",
-    "bench": "from deploy.commands.bench import _run, run_worker; _run(run_worker('busy', sys.argv[1]))",
+    "bench": (
+        "from deploy.commands import bench; bench.END_PATIENCE_S = 0.1; "
+        "bench._run(bench.run_worker('busy', sys.argv[1]))"
+    ),
 }
 
 
@@ -53,6 +56,7 @@ def listener(tmp_path: Path, monkeypatch):
         ("task beside others", signal.SIGKILL),
         ("worker of a worker", signal.SIGKILL),
         ("bench", signal.SIGKILL),
+        ("bench", signal.SIGTERM),
     ],
 )
 def test_a_worker_that_hears_nothing_ends_when_who_started_it_does(listener, caller, number):

@@ -83,4 +83,4 @@ def test_ctrl_c_ends_both_quietly(tmp_path: Path):
         assert process.stderr.readline() == b"ready\n"
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=20)  # ends only when nobody holds the pipes any more
-    assert (process.returncode, out, err) == (bench.INTERRUPTED, b"", b"")
+    assert (process.returncode, out, err) == (bench.BY_SIGNAL + signal.SIGINT, b"", b"")
