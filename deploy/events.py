@@ -65,7 +65,7 @@ def changes(before: Heartbeat | None, beat: Heartbeat) -> Iterator[Happening]:
     for counts, what in COUNTS:
         total = getattr(beat.report, counts)
         if new := total - getattr(counted, counts, 0):
-            yield Happening(counts, beat.process, f"{counts} {new} {what}, {total} since it started")
+            yield Happening(counts, beat.process, f"{what} {counts}: {new} (since it started: {total})")
 
 
 def last_events(folder: RunFolder, count: int) -> list[EventRow]:

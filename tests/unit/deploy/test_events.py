@@ -109,9 +109,9 @@ def beat(state="training", pid=1, **counts):
         (beat("paused"), beat("paused"), []),
         (beat("paused"), beat(), ["resumed after episode 40"]),
         (beat("paused"), beat(STARTING, pid=2), []),
-        (beat(refused=3), beat(refused=5), ["refused 2 messages, 5 since it started"]),
-        (beat(refused=5), beat(refused=5, pid=2), ["refused 5 messages, 5 since it started"]),
-        (beat(), beat(reissued=2), ["reissued 2 leases, 2 since it started"]),
+        (beat(refused=3), beat(refused=5), ["messages refused: 2 (since it started: 5)"]),
+        (beat(refused=5), beat(refused=5, pid=2), ["messages refused: 5 (since it started: 5)"]),
+        (beat(), beat(reissued=2), ["leases reissued: 2 (since it started: 2)"]),
     ],
 )
 def test_what_a_sign_of_life_says_has_happened(before, now, texts):
