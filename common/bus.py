@@ -301,7 +301,7 @@ def open_bus(
     """A client session of the router at `endpoint`, closed at the end; it reconnects by itself.
 
     Args:
-        endpoint: for example `tcp/127.0.0.1:7447`.
+        endpoint: for example `unixsock-stream//tmp/railctl-1/router`.
         namespace: the run's own key prefix.
         connect_timeout_s: how long to wait for the router; none waits for ever.
         inbox: where the caller takes what arrives, see `Bus`.

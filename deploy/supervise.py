@@ -17,6 +17,7 @@ from common.bus import Bus, NoAnswer, Question, open_bus
 from common.folder import RunFolder, write_atomically
 from common.inbox import Inbox
 from common.locks import holder, living, sole
+from common.private import remove_endpoint
 from common.process import EXIT_RUNS_ALREADY, STARTING, Stopping, run_service
 from common.records.control import CommandAnswer, Empty, ScaleRequest, Status
 from common.records.heartbeats import Heartbeat
@@ -57,6 +58,7 @@ class Runner:
         self._folder = folder
         self._config = folder.config()
         self._cluster = json.loads(folder.cluster_file.read_text())
+        self.endpoint: str = self._cluster["endpoint"]
         limits = self._config.cluster
         self._mind = Supervisor(
             cluster(self._cluster["actors"]),
@@ -107,7 +109,7 @@ class Runner:
             return
         try:
             bus = stack.enter_context(
-                open_bus(self._cluster["endpoint"], self._cluster["namespace"], CONNECT_STRETCH_S, self._inbox)
+                open_bus(self.endpoint, self._cluster["namespace"], CONNECT_STRETCH_S, self._inbox)
             )
         except NoAnswer:
             return
@@ -138,6 +140,8 @@ class Runner:
         self._handle(Adopted(name))
 
     def _on_beat(self, beat: Heartbeat) -> None:
+        if self._pids.get(beat.process) != beat.pid:
+            return  # none of ours, or one that is gone
         self._beats[beat.process] = (beat, time.time())
         if beat.state != STARTING:
             self._handle(Beat(beat.process))
@@ -231,6 +235,7 @@ def main() -> None:
         os.sched_setaffinity(0, cores)
         log.info("supervises %s on cores %s", folder.path.name, cores)
         end = runner.run(stopping)
+        remove_endpoint(runner.endpoint)
         log.info("run %s: %s", end.outcome, end.reason)
         outcome = {"outcome": end.outcome, "reason": end.reason}
         write_atomically(folder.outcome_file, json.dumps(outcome))
