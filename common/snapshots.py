@@ -1,21 +1,35 @@
 """Finding the snapshot that a run goes on from."""
 
+from pathlib import Path
+from typing import NamedTuple
+
 from common import checkpoint
 from common.checkpoint import CheckpointError, Metadata, Tensors
 from common.folder import RunFolder
 
 
-def newest_snapshot(folder: RunFolder) -> tuple[Tensors, Metadata] | None:
-    """The content of a run's newest snapshot, or none before the first.
+class Snapshot(NamedTuple):
+    """What a run goes on from, and the newer files that are `damaged`: it comes to the same curve from here too."""
+
+    tensors: Tensors
+    metadata: Metadata
+    damaged: list[Path]
+
+
+def newest_snapshot(folder: RunFolder) -> Snapshot | None:
+    """A run's newest snapshot that can be read, or none before the first.
 
     Raises:
-        CheckpointError: it is damaged; the text names it and what deleting it leads to.
+        CheckpointError: none can be; the text names the newest, and what deleting them leads to.
     """
-    paths = sorted(folder.snapshots.glob("*.safetensors"))
-    if not paths:
+    paths = sorted(folder.snapshots.glob("*.safetensors"), reverse=True)
+    errors: list[CheckpointError] = []
+    for number, path in enumerate(paths):
+        try:
+            return Snapshot(*checkpoint.load(path, "snapshot"), damaged=paths[:number])
+        except CheckpointError as error:
+            errors.append(error)
+    if not errors:
         return None
-    try:
-        return checkpoint.load(paths[-1], "snapshot")
-    except CheckpointError as error:
-        before = f"from {paths[-2].name}" if len(paths) > 1 else "from the start"
-        raise CheckpointError(f"{error}, or delete it to go on {before}, to the same curve") from None
+    whole = "it" if len(errors) == 1 else f"all {len(errors)} of {folder.snapshots}"
+    raise CheckpointError(f"{errors[0]}, or delete {whole} to go on from the start, to the same curve")

@@ -114,7 +114,7 @@ def check_existing(folder: RunFolder, config: RunConfig) -> None:
     """See that a run can go on before anything is started or changed.
 
     Raises:
-        Failed: this machine cannot run it, its folder is read-only, or its newest snapshot is damaged.
+        Failed: this machine cannot run it, its folder is read-only, or no snapshot of it can be read.
     """
     check_machine(config)
     if not os.access(folder.path, os.W_OK):

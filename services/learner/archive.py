@@ -51,10 +51,10 @@ class Archive:
         return self._rows.rows
 
     def resume(self) -> Tensors | None:
-        """The newest snapshot, None at the very start; later rows are set aside, to compare with those to come.
+        """The newest snapshot that can be read, None at the very start; later rows are set aside, to compare with those to come.
 
         Raises:
-            Fatal: the snapshot is damaged, belongs to another configuration, or rows are missing.
+            Fatal: all snapshots are damaged, or it belongs to another configuration, or rows are missing.
         """
         try:
             newest = newest_snapshot(self._folder)
@@ -62,7 +62,10 @@ class Archive:
             raise Fatal(str(error)) from None
         tensors: Tensors | None = None
         if newest is not None:
-            tensors, metadata = newest
+            tensors, metadata, damaged = newest
+            for path in damaged:
+                log.warning("%s is damaged and set aside: the run goes on from the one before", path)
+                path.rename(path.with_suffix(".damaged"))
             if not _is_of(self._config, metadata.get("science", "")):
                 raise Fatal("the newest snapshot has another configuration: restore config.yaml or use a new run name")
             self.snapshot = int(metadata.get("episode", "0"))
