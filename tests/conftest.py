@@ -16,7 +16,7 @@ class RealClustersTogether(LoadFileScheduling):
     """The tests of a file share a worker, and so do all real clusters: two at once take more than twice as long."""
 
     def _split_scope(self, nodeid):
-        return "system" if nodeid.startswith("tests/system/") else super()._split_scope(nodeid)
+        return "system" if nodeid.startswith(("tests/system/", "tests/chaos/")) else super()._split_scope(nodeid)
 
 
 def pytest_xdist_make_scheduler(config, log):

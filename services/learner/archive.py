@@ -51,7 +51,7 @@ class Archive:
         return self._rows.rows
 
     def resume(self) -> Tensors | None:
-        """The newest snapshot that can be read, None at the very start; later rows are set aside, to compare with those to come.
+        """The newest snapshot that can be read, None at the start; later rows are set aside for comparison.
 
         Raises:
             Fatal: all snapshots are damaged, or it belongs to another configuration, or rows are missing.

@@ -16,7 +16,7 @@ import pytest
 import zenoh
 
 from common import bus as bus_module
-from common.bus import NoAnswer, Traffic, open_bus, open_router
+from common.bus import NoAnswer, Traffic, checksum, open_bus, open_router
 from common.inbox import Inbox
 from common.interpreter import PYTHON
 from common.private import private_endpoint, remove_endpoint
@@ -406,12 +406,26 @@ def test_a_refused_message_is_counted_and_the_next_one_arrives(namespace, buses,
     arrived = SimpleQueue()
     listener.subscribe(NUMBERS, arrived.put)
     introduce(listener, talker)
-    stranger.put(f"{namespace}/numbers", body, encoding=encoding)
+    stranger.put(f"{namespace}/numbers", body, encoding=encoding, attachment=checksum(body))
     until(lambda: listener.refused == 1)
     talker.publish(NUMBERS, number(2))
     assert arrived.get(timeout=PATIENCE_S) == number(2)
     assert arrived.empty()
     assert "refused a message on numbers (the 1.): " in caplog.text
+
+
+@pytest.mark.parametrize("beside", [None, b"", checksum(encode(number(2)))])
+def test_what_is_not_as_it_was_sent_is_refused_though_it_is_a_message(namespace, buses, stranger, beside, caplog):
+    listener, talker = buses
+    arrived = SimpleQueue()
+    listener.subscribe(NUMBERS, arrived.put)
+    introduce(listener, talker)
+    encoding = encoding_of(HistoryRequest)
+    stranger.put(f"{namespace}/numbers", encode(number(1)), encoding=encoding, attachment=beside)
+    until(lambda: listener.refused == 1)
+    talker.publish(NUMBERS, number(2))
+    assert arrived.get(timeout=PATIENCE_S) == number(2)
+    assert "its checksum is missing or wrong" in caplog.text
 
 
 def test_a_refused_question_names_the_reason_and_the_next_one_is_answered(namespace, buses, stranger):
@@ -421,9 +435,10 @@ def test_a_refused_question_names_the_reason_and_the_next_one_is_answered(namesp
     for body, encoding, reason in (
         (encode(number(1)), "zenoh/bytes", "schema is 'zenoh/bytes', this process speaks"),
         (b"\xc1", encoding_of(HistoryRequest), "HistoryRequest: not a message"),
-        (None, None, "schema is "),
+        (b"", None, "schema is "),
     ):
-        [reply] = stranger.get(f"{namespace}/echo", payload=body, encoding=encoding, timeout=PATIENCE_S)
+        told = {"encoding": encoding, "attachment": checksum(body), "timeout": PATIENCE_S}
+        [reply] = stranger.get(f"{namespace}/echo", payload=body, **told)
         assert reply.err.payload.to_string().startswith(reason)
     assert listener.refused == 3
     assert talker.ask(ECHO, number(4), PATIENCE_S).text == "4"
@@ -441,7 +456,7 @@ def test_an_answer_that_is_none_is_refused(namespace, buses, stranger, body, enc
 
     def misanswer(query):
         with query:
-            query.reply(f"{namespace}/echo", body, encoding=encoding)
+            query.reply(f"{namespace}/echo", body, encoding=encoding, attachment=checksum(body))
 
     served = stranger.declare_queryable(f"{namespace}/echo", misanswer, complete=True)
     texts = []
