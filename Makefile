@@ -9,7 +9,7 @@ PACKAGES := adapters analysis common deploy services tools
 # All that runs and evaluations need, so that no first start takes a minute longer than others.
 COMPILERS := common.policy.compile services.learner.compile services.evaluator.references.compile
 
-.PHONY: install demo check test parity browser sb3 soak results clean
+.PHONY: install demo check test parity browser sb3 soak chaos results clean
 
 install: $(VENV)/installed
 
@@ -50,6 +50,10 @@ sb3: install
 
 soak: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m slow
+
+# Random faults upon real runs, which must come to the curve of an undisturbed one; the same seed draws the same faults.
+chaos: install
+	$(TEST_ENVIRONMENT) $(BIN)/python tests/chaos/campaign.py --seed $(or $(SEED),1) --faults $(or $(FAULTS),50)
 
 # Makes tables, figures and pages anew from the results that are kept with the project.
 results: install

@@ -12,6 +12,7 @@ import logging
 import queue
 import threading
 import time
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -67,10 +68,9 @@ class Question(Generic[A, B]):
 
     def answer(self, record: B, *, last: bool = True) -> None:
         """Send an answer; the last one ends the question."""
+        body = self._traffic.counted(encode(record))
         try:
-            self._query.reply(
-                self._key, self._traffic.counted(encode(record)), encoding=encoding_of(self._service.answer)
-            )
+            self._query.reply(self._key, body, encoding=encoding_of(self._service.answer), attachment=checksum(body))
         except zenoh.ZError as error:
             log.warning("an answer on %s did not go out: %s", self._service.key, error)
         if last:
@@ -168,9 +168,10 @@ class Bus:
 
         return publish
 
-    def _put(self, put: Callable[[bytes], Any], key: str, record: Record) -> None:
+    def _put(self, put: Callable[..., Any], key: str, record: Record) -> None:
+        body = self.traffic.counted(encode(record))
         try:
-            put(self.traffic.counted(encode(record)))
+            put(body, attachment=checksum(body))
         except zenoh.ZError as error:
             log.warning("a message on %s did not go out: %s", key, error)
 
@@ -179,7 +180,7 @@ class Bus:
 
         def take(sample: Any) -> None:
             try:
-                record = decode(topic.record, str(sample.encoding), self.traffic.counted(sample.payload.to_bytes()))
+                record = decode(topic.record, str(sample.encoding), self._body(sample))
             except Refused as reason:
                 self._refuse(topic.key, reason)
             else:
@@ -192,9 +193,8 @@ class Bus:
         key = self._key(service.key)
 
         def take(query: Any) -> None:
-            body = self.traffic.counted(b"" if query.payload is None else query.payload.to_bytes())
             try:
-                request = decode(service.request, str(query.encoding), body)
+                request = decode(service.request, str(query.encoding), self._body(query))
             except Refused as reason:
                 self._refuse(service.key, reason)
                 _refuse(query, service.key, str(reason))
@@ -220,11 +220,13 @@ class Bus:
             NoAnswer: it cannot be asked.
         """
         answers: Answers[B] = Answers(partial(self._answer, service), service.key)
+        body = self.traffic.counted(encode(request))
         try:
             self._session.get(
                 self._key(service.key),
                 answers.handler,
-                payload=self.traffic.counted(encode(request)),
+                payload=body,
+                attachment=checksum(body),
                 encoding=encoding_of(service.request),
                 timeout=timeout_s,
                 consolidation=zenoh.ConsolidationMode.NONE,  # one process answers: nothing to hold an answer back for
@@ -238,8 +240,7 @@ class Bus:
             text = reply.err.payload.to_bytes()[:MAX_REASON_BYTES].decode(errors="replace")
             raise NoAnswer(f"{service.key}: {text}")
         try:
-            body = self.traffic.counted(reply.ok.payload.to_bytes())
-            return decode(service.answer, str(reply.ok.encoding), body)
+            return decode(service.answer, str(reply.ok.encoding), self._body(reply.ok))
         except Refused as reason:
             self._refuse(service.key, reason)
             raise NoAnswer(f"{service.key}: {reason}") from None
@@ -267,6 +268,17 @@ class Bus:
         """Whether the router is there right now."""
         return bool(self._session.info.routers_zid())
 
+    def _body(self, message: Any) -> bytes:
+        """Of whatever has arrived.
+
+        Raises:
+            Refused: it is not as it was sent.
+        """
+        body = self.traffic.counted(b"" if message.payload is None else message.payload.to_bytes())
+        if message.attachment is None or message.attachment.to_bytes() != checksum(body):
+            raise Refused("its checksum is missing or wrong")
+        return body
+
     def _in_order(self, take: Callable[[Any], None]) -> Any:
         return zenoh.handlers.Callback(lambda message: self._inbox.put(partial(take, message)), indirect=False)
 
@@ -286,6 +298,11 @@ class Bus:
             log.warning("refused a message on %s (the %d.): %s", key, self.refused, reason)
 
 
+def checksum(body: bytes) -> bytes:
+    """What travels beside a body, so that one that is damaged on the way is not taken for another."""
+    return zlib.crc32(body).to_bytes(4, "little")
+
+
 def _refuse(query: Any, key: str, reason: str) -> None:
     try:
         query.reply_err(reason.encode())
@@ -301,7 +318,7 @@ def open_bus(
     """A client session of the router at `endpoint`, closed at the end; it reconnects by itself.
 
     Args:
-        endpoint: for example `tcp/127.0.0.1:7447`.
+        endpoint: for example `unixsock-stream//tmp/railctl-1/router`.
         namespace: the run's own key prefix.
         connect_timeout_s: how long to wait for the router; none waits for ever.
         inbox: where the caller takes what arrives, see `Bus`.

@@ -37,11 +37,18 @@ class ClusterConfig(Strict):
     # By the levels that they serve, or `any`; if none are wanted, the learner acts itself:
     actors: dict[LevelName, Annotated[int, Field(ge=0, le=MAX_ACTORS)]]
     cores: int = Field(default=2, ge=1)
-    port: int = Field(default=0, ge=0, le=65535)  # 0: any free port
     snapshot_every_episodes: int = Field(default=50, ge=1)
     hang_timeout_s: float = Field(default=60.0, ge=5, allow_inf_nan=False)  # silent for longer: killed, started anew
     max_restarts: int = Field(default=5, ge=0)  # of one process within `restart_window_s`
     restart_window_s: Positive = 120.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_port(cls, data: Any) -> Any:
+        """Runs of earlier versions name the loopback port of their router: 0, any."""
+        if isinstance(data, dict) and data.get("port") == 0:
+            return {key: value for key, value in data.items() if key != "port"}
+        return data
 
 
 class RunConfig(Strict):

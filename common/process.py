@@ -19,6 +19,7 @@ from common.config import RunConfig
 from common.folder import RunFolder
 from common.inbox import Inbox
 from common.locks import RunsAlreadyError, sole
+from common.private import OTHERS
 from common.records.base import Role
 from common.records.heartbeats import Heartbeat, Report
 from common.strict import ConfigError
@@ -161,6 +162,7 @@ def run_service(main: Callable[[], None]) -> None:
 
     What ends well leaves at once: taking an interpreter with torch apart takes longer than a second, of every run.
     """
+    os.umask(OTHERS)
     sys.setswitchinterval(SWITCH_S)
     gc.set_threshold(OBJECTS_A_COLLECTION)
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")

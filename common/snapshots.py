@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 from common import checkpoint
 from common.checkpoint import CheckpointError, Metadata, Tensors
@@ -12,26 +13,35 @@ from common.records.rows import EpisodeRow
 from common.strict import ConfigError
 
 
-def newest_snapshot(folder: RunFolder, config: RunConfig) -> tuple[Tensors, Metadata] | None:
-    """The content of a run's newest snapshot, or none before the first.
+class Snapshot(NamedTuple):
+    """What a run goes on from, and the newer files that are `damaged`: it comes to the same curve from here too."""
+
+    tensors: Tensors
+    metadata: Metadata
+    damaged: list[Path]
+
+
+def newest_snapshot(folder: RunFolder, config: RunConfig) -> Snapshot | None:
+    """A run's newest snapshot that can be read, or none before the first.
 
     Raises:
-        CheckpointError: it is damaged, and the text names it and what deleting it leads to; or it belongs to another
-            configuration.
+        CheckpointError: none can be, and the text names the newest, and what deleting them leads to; or it belongs to
+            another configuration.
     """
-    paths = sorted(folder.snapshots.glob("*.safetensors"))
-    if not paths:
+    paths = sorted(folder.snapshots.glob("*.safetensors"), reverse=True)
+    errors: list[CheckpointError] = []
+    for number, path in enumerate(paths):
+        try:
+            found = Snapshot(*checkpoint.load(path, "snapshot"), damaged=paths[:number])
+        except CheckpointError as error:
+            errors.append(error)
+        else:
+            _check_configuration(config, found.metadata)
+            return found
+    if not errors:
         return None
-    try:
-        tensors, metadata = checkpoint.load(paths[-1], "snapshot")
-    except CheckpointError as error:
-        before = f"from {paths[-2].name}" if len(paths) > 1 else "from the start"
-        raise CheckpointError(f"{error}, or delete it to go on {before}, to the same curve") from None
-    if not _is_of(config, metadata.get("science", "")):
-        raise CheckpointError(
-            "the newest snapshot has another configuration: restore config.yaml or use a new run name"
-        )
-    return tensors, metadata
+    whole = "it" if len(errors) == 1 else f"all {len(errors)} of {folder.snapshots}"
+    raise CheckpointError(f"{errors[0]}, or delete {whole} to go on from the start, to the same curve")
 
 
 def check_history(path: Path, rows: Iterable[EpisodeRow], metadata: Metadata) -> None:
@@ -52,9 +62,13 @@ def episodes_of(metadata: Metadata) -> int:
     return int(metadata.get("episode", "0"))
 
 
-def _is_of(config: RunConfig, science: str) -> bool:
-    """Whether a file's science is that of a configuration, however its version wrote it."""
+def _check_configuration(config: RunConfig, metadata: Metadata) -> None:
+    """Raises CheckpointError if a snapshot is not of a configuration, however its version wrote it."""
     try:
-        return config_of_science(science).science == config.science
+        same = config_of_science(metadata.get("science", "")).science == config.science
     except (ValueError, ConfigError):
-        return False
+        same = False
+    if not same:
+        raise CheckpointError(
+            "the newest snapshot has another configuration: restore config.yaml or use a new run name"
+        )

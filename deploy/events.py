@@ -4,6 +4,7 @@ import logging
 from collections import deque
 from collections.abc import Iterator
 from datetime import UTC, datetime
+from pathlib import Path
 
 from common.compile_signs import COMPILING
 from common.folder import RunFolder
@@ -66,6 +67,24 @@ def changes(before: Heartbeat | None, beat: Heartbeat) -> Iterator[Happening]:
         total = getattr(beat.report, counts)
         if new := total - getattr(counted, counts, 0):
             yield Happening(counts, beat.process, f"{what} {counts}: {new} (since it started: {total})")
+
+
+class DamagedSnapshots:
+    """Tells of the snapshots that a learner has set aside since this was made."""
+
+    def __init__(self, folder: RunFolder) -> None:
+        self._folder = folder
+        self._known = self._damaged()
+
+    def new(self) -> Iterator[Happening]:
+        """Those that nobody has been told of."""
+        found = self._damaged()
+        for path in sorted(found - self._known):
+            yield Happening("skipped", "learner", f"snapshot {path.name} set aside, the run goes on from one before")
+        self._known = found
+
+    def _damaged(self) -> set[Path]:
+        return set(self._folder.snapshots.glob("*.damaged"))
 
 
 def last_events(folder: RunFolder, count: int) -> list[EventRow]:

@@ -2,10 +2,8 @@
 
 import json
 import os
-import random
 import re
 import shutil
-import socket
 import subprocess
 import time
 import uuid
@@ -24,6 +22,7 @@ from common.folder import RunFolder, write_atomically
 from common.interpreter import run_module
 from common.levels.own import LEVELS, ReadLevels
 from common.locks import living
+from common.private import FOLDER_MODE, is_private, private_endpoint, private_files
 from common.records.rows import EpisodeRow, EvaluationRow, EventRow, MetricRow
 from common.rows import DamagedRows, each_row
 from common.rules.settings import DEMONSTRATIONS_FILE, START_FILE
@@ -34,10 +33,8 @@ from deploy.plan import ENVIRONMENT
 from deploy.runs import Failed, runs_root, supervised
 from deploy.start import copy_start
 
-LOOPBACK = "127.0.0.1"
-PORTS = range(10_000, 32_000)  # below the ports that systems give to outgoing connections
 NAME_FORM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]{0,99}")
-START_TIMEOUT_S = 10.0
+START_TIMEOUT_S = 60.0  # importing takes long on a machine that is busy
 
 
 def fresh_name(config: RunConfig) -> str:
@@ -73,13 +70,15 @@ def new_run(
     path = (root or runs_root()) / name
     temporary = path.with_name(f".{name}.{os.getpid()}")
     try:
-        temporary.mkdir(parents=True)
-        save_config(RunFolder(temporary), with_own_copies(config))
-        (temporary / "logs").mkdir()
-        for level, read in own.items():
-            read.save(temporary / LEVELS, level)
-        copy_start(config, base, RunFolder(temporary).start_file)
-        copy_demonstrations(config, base, RunFolder(temporary).demonstrations_file)
+        temporary.parent.mkdir(parents=True, exist_ok=True)
+        with private_files():
+            temporary.mkdir()
+            save_config(RunFolder(temporary), with_own_copies(config))
+            (temporary / "logs").mkdir()
+            for level, read in own.items():
+                read.save(temporary / LEVELS, level)
+            copy_start(config, base, RunFolder(temporary).start_file)
+            copy_demonstrations(config, base, RunFolder(temporary).demonstrations_file)
         temporary.rename(path)
     except Failed:
         shutil.rmtree(temporary, ignore_errors=True)
@@ -118,8 +117,8 @@ def check_existing(folder: RunFolder, config: RunConfig) -> None:
     """See that a run can go on before anything is started or changed.
 
     Raises:
-        Failed: this machine cannot run it, its folder is read-only, a row is damaged, or its newest snapshot
-            is damaged, of another configuration, or of rows that are not there.
+        Failed: this machine cannot run it, its folder is read-only, a row is damaged, or no snapshot of it can be
+            read, or the newest is of another configuration or of rows that are not there.
     """
     check_machine(config)
     if not os.access(folder.path, os.W_OK):
@@ -133,19 +132,16 @@ def check_existing(folder: RunFolder, config: RunConfig) -> None:
         ):
             deque(each_row(path, kind), maxlen=0)
         if (newest := newest_snapshot(folder, config)) is not None:
-            check_history(folder.episodes_file, each_row(folder.episodes_file, EpisodeRow), newest[1])
+            check_history(folder.episodes_file, each_row(folder.episodes_file, EpisodeRow), newest.metadata)
     except (CheckpointError, DamagedRows) as error:
         raise Failed(str(error)) from None
 
 
 def check_machine(config: RunConfig) -> None:
-    """Raises Failed if the machine lacks the cores, or the port is in use."""
+    """Raises Failed if the machine lacks the cores."""
     cores = len(os.sched_getaffinity(0))
     if config.cluster.cores > cores:
         raise Failed(f"cluster.cores is {config.cluster.cores} and this machine offers {cores}: use --cores {cores}")
-    port = config.cluster.port
-    if port and not _is_free(port):
-        raise Failed(f"cluster.port {port} is in use: choose another one, or 0 for any")
 
 
 def save_config(folder: RunFolder, config: RunConfig) -> None:
@@ -167,10 +163,14 @@ def start_supervisor(
     Raises:
         Failed: it ended at once.
     """
-    write_cluster_file(folder, config, actors)
+    folder.path.chmod(FOLDER_MODE)  # those of earlier versions were open to others
     folder.outcome_file.unlink(missing_ok=True)
-    folder.logs.mkdir(exist_ok=True)
-    with (folder.logs / "supervisor.log").open("ab") as output:
+    with private_files():
+        write_cluster_file(folder, config, actors)
+        folder.logs.mkdir(exist_ok=True)
+        log = folder.logs / "supervisor.log"
+        log.touch()
+    with log.open("ab") as output:
         child = subprocess.Popen(
             run_module("deploy.supervise", "--run", str(folder.path.resolve())),
             stdin=subprocess.DEVNULL,
@@ -182,7 +182,7 @@ def start_supervisor(
     deadline = time.monotonic() + START_TIMEOUT_S
     while not supervised(folder):
         if child.poll() is not None or time.monotonic() > deadline:
-            lines = (folder.logs / "supervisor.log").read_text().splitlines() or ["it left no word"]
+            lines = log.read_text().splitlines() or ["it left no word"]
             raise Failed(f"the supervisor did not start: {lines[-1]}")
         time.sleep(0.05)
     return child.pid
@@ -198,26 +198,9 @@ def write_cluster_file(folder: RunFolder, config: RunConfig, actors: Mapping[str
         cluster["namespace"], cluster["actors"]
     except (OSError, ValueError, KeyError, TypeError):
         cluster = {"namespace": f"railctl/{uuid.uuid4().hex[:12]}", "actors": dict(config.cluster.actors)}
-    if "endpoint" not in cluster or not living(folder):
-        cluster["endpoint"] = f"tcp/{LOOPBACK}:{config.cluster.port or free_port()}"
+    endpoint = str(cluster.get("endpoint", ""))
+    if not is_private(endpoint) and not (endpoint and living(folder)):
+        cluster["endpoint"] = private_endpoint()
     if actors is not None:
         cluster["actors"] = dict(actors)
     write_atomically(folder.cluster_file, json.dumps(cluster, indent=2))
-
-
-def free_port() -> int:
-    """A loopback port that nobody listens on."""
-    for port in random.sample(PORTS, len(PORTS)):
-        if _is_free(port):
-            return port
-    raise Failed("no free port on the loopback: stop some servers")
-
-
-def _is_free(port: int) -> bool:
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((LOOPBACK, port))
-        except OSError:
-            return False
-    return True

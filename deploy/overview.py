@@ -43,7 +43,7 @@ def overview(folder: RunFolder, config: RunConfig, mind: Supervisor, pids: Mappi
     progress = progress_of(config, beats)
     left = None
     if progress is not None and progress.episodes_per_s > 0:
-        left = (config.episodes - progress.done) / progress.episodes_per_s
+        left = max(0, config.episodes - progress.done) / progress.episodes_per_s
     return Status(
         run=folder.path.name,
         path=str(folder.path),

@@ -27,8 +27,15 @@ def all_runs() -> list[RunFolder]:
     root = runs_root()
     if not root.is_dir():
         return []
-    found = [path for path in root.iterdir() if path.name[0] != "." and (path / "config.yaml").exists()]
+    found = [path for path in root.iterdir() if path.name[0] != "." and _is_run(path)]
     return [RunFolder(path) for path in sorted(found, key=lambda path: (path / "config.yaml").stat().st_mtime)]
+
+
+def _is_run(path: Path) -> bool:
+    try:
+        return (path / "config.yaml").exists()
+    except PermissionError:  # somebody else's
+        return False
 
 
 def find_run(name: str | None) -> RunFolder:
@@ -43,8 +50,10 @@ def find_run(name: str | None) -> RunFolder:
             raise ConfigError(f"there are no runs in {runs_root()}: start one with railctl up")
         return next((run for run in reversed(known) if living(run)), known[-1])
     for candidate in (runs_root() / name, Path(name)):
-        if (candidate / "config.yaml").exists():
+        if _is_run(candidate):
             return RunFolder(candidate)
+        if candidate.is_dir() and not os.access(candidate, os.X_OK):
+            raise ConfigError(f"{candidate} belongs to {candidate.owner()}, and nobody else may look into it")
     if not known:
         raise ConfigError(f"no run named {name!r}: there are no runs in {runs_root()}, start one with railctl up")
     raise ConfigError(f"no run named {name!r}{nearest(name, [run.path.name for run in known])}")

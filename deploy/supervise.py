@@ -17,6 +17,7 @@ from common.bus import Bus, NoAnswer, Question, open_bus
 from common.folder import RunFolder, write_atomically
 from common.inbox import Inbox
 from common.locks import holder, living, sole
+from common.private import remove_endpoint
 from common.process import EXIT_RUNS_ALREADY, STARTING, Stopping, run_service
 from common.records.control import CommandAnswer, Empty, ScaleRequest, Status
 from common.records.heartbeats import Heartbeat
@@ -24,7 +25,7 @@ from common.records.rows import EpisodeRow, EventKind
 from common.rows import DamagedRows, each_row
 from common.wire import keys
 from deploy.curve import CurveDrawing
-from deploy.events import EventLog, changes
+from deploy.events import DamagedSnapshots, EventLog, changes
 from deploy.overview import overview, progress_of, run_is_complete
 from deploy.plan import ENVIRONMENT, ProcessSpec, actors, cluster
 from deploy.runs import Failed
@@ -59,6 +60,7 @@ class Runner:
         self._folder = folder
         self._config = folder.config()
         self._cluster = json.loads(folder.cluster_file.read_text())
+        self.endpoint: str = self._cluster["endpoint"]
         limits = self._config.cluster
         self._mind = Supervisor(
             cluster(self._cluster["actors"]),
@@ -68,6 +70,7 @@ class Runner:
         self._pids: dict[str, int] = {}
         self._beats: dict[str, tuple[Heartbeat, float]] = {}
         self._events = EventLog(folder)
+        self._damaged = DamagedSnapshots(folder)
         self._inbox = Inbox()
         self._bus: Bus | None = None
         self._log_starts: dict[str, int] = {}
@@ -114,7 +117,7 @@ class Runner:
             return
         try:
             bus = stack.enter_context(
-                open_bus(self._cluster["endpoint"], self._cluster["namespace"], CONNECT_STRETCH_S, self._inbox)
+                open_bus(self.endpoint, self._cluster["namespace"], CONNECT_STRETCH_S, self._inbox)
             )
         except NoAnswer:
             return
@@ -146,8 +149,10 @@ class Runner:
         self._handle(Adopted(name))
 
     def _on_beat(self, beat: Heartbeat) -> None:
+        if self._pids.get(beat.process) != beat.pid:
+            return  # none of ours, or one that is gone
         before, _ = self._beats.get(beat.process, (None, 0.0))
-        for happening in changes(before, beat):
+        for happening in (*changes(before, beat), *self._damaged.new()):
             self._events.write(happening)
         self._beats[beat.process] = (beat, time.time())
         if beat.state != STARTING:
@@ -250,6 +255,7 @@ def main() -> None:
         os.sched_setaffinity(0, cores)
         log.info("supervises %s on cores %s", folder.path.name, cores)
         end = runner.run(stopping)
+        remove_endpoint(runner.endpoint)
         log.info("run %s: %s", end.outcome, end.reason)
         outcome = {"outcome": end.outcome, "reason": end.reason}
         write_atomically(folder.outcome_file, json.dumps(outcome))

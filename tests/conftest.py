@@ -1,7 +1,10 @@
 """For all tests: numerics get one thread, and arithmetic that repeats; both must be set before torch is imported."""
 
 import os
+import shutil
+import tempfile
 
+import pytest
 from xdist.scheduler import LoadFileScheduling
 
 from deploy.plan import ENVIRONMENT
@@ -13,8 +16,23 @@ class RealClustersTogether(LoadFileScheduling):
     """The tests of a file share a worker, and so do all real clusters: two at once take more than twice as long."""
 
     def _split_scope(self, nodeid):
-        return "system" if nodeid.startswith("tests/system/") else super()._split_scope(nodeid)
+        return "system" if nodeid.startswith(("tests/system/", "tests/chaos/")) else super()._split_scope(nodeid)
 
 
 def pytest_xdist_make_scheduler(config, log):
     return RealClustersTogether(config, log)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_sockets(tmp_path_factory):
+    """Sockets that a test leaves behind go at the end; their paths must be short, and those of tests are not."""
+    tmp_path_factory.getbasetemp()  # where it was
+    before, folder = os.environ.get("TMPDIR"), tempfile.mkdtemp(prefix="railctl-tests-")
+    os.environ["TMPDIR"] = tempfile.tempdir = folder
+    yield
+    tempfile.tempdir = before
+    if before is None:
+        del os.environ["TMPDIR"]
+    else:
+        os.environ["TMPDIR"] = before
+    shutil.rmtree(folder)

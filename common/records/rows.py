@@ -16,6 +16,7 @@ EventKind = Literal[
     "scaled",
     "paused",
     "resumed",
+    "skipped",
     "refused",
     "reissued",
     "finished",

@@ -14,10 +14,10 @@ from rich.console import Console
 from rich.table import Table
 
 from common.bus import Bus, NoAnswer, open_bus, open_router
+from common.private import private_endpoint, remove_endpoint
 from common.records.control import CommandAnswer, Empty
 from common.task import FAILED
 from common.wire.keys import Service
-from deploy.launch import LOOPBACK, free_port
 from deploy.output import AsJson, console, one_line_errors, say
 from deploy.runs import Failed, runs_root
 from deploy.task import run_task
@@ -114,7 +114,10 @@ def _disk() -> str:
 
 
 def _zenoh() -> str:
-    endpoint = f"tcp/{LOOPBACK}:{free_port()}"
+    try:
+        endpoint = private_endpoint()
+    except OSError as error:
+        raise Failed(f"no folder for a socket: {error.strerror}: set TMPDIR to one that you may write") from None
     try:
         with (
             open_router(endpoint),
@@ -124,8 +127,10 @@ def _zenoh() -> str:
             here.serve(ECHO, lambda question: question.answer(CommandAnswer(done=True, text="here")))
             _ask_until_answered(there, time.monotonic() + ANSWER_TIMEOUT_S)
     except (OSError, NoAnswer) as error:
-        raise Failed(f"no answer over {endpoint}: {error}: allow connections on {LOOPBACK}") from None
-    return f"question and answer through a router on {LOOPBACK}"
+        raise Failed(f"no answer over {endpoint}: {error}: set TMPDIR to a folder where sockets can be made") from None
+    finally:
+        remove_endpoint(endpoint)
+    return "question and answer through a router on a socket of yours alone"
 
 
 def _ask_until_answered(bus: Bus, deadline: float) -> None:

@@ -17,7 +17,7 @@ from deploy.runs import Failed, runs_root
 
 SHIPPED = Path(__file__).parents[1] / "studies"
 OF_THE_STUDY = ("algorithm", "rule", "level", "mix", "seed", "episodes")  # it gives them to its runs itself
-OF_THE_MACHINE = ("cores", "port")
+OF_THE_MACHINE = ("cores",)
 OF_ALL = ("levels",)  # or contenders would not learn on the same ones
 
 

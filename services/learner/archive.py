@@ -46,16 +46,19 @@ class Archive:
         self.exact_until: int | None = None  # set when a snapshot comes from another arithmetic
 
     def resume(self) -> Tensors | None:
-        """The newest snapshot, None at the very start; later rows are set aside, to compare with those to come.
+        """The newest snapshot that can be read, None at the start; later rows are set aside for comparison.
 
         Raises:
-            Fatal: the snapshot is damaged, belongs to another configuration, or rows are missing.
+            Fatal: all snapshots are damaged, or it belongs to another configuration, or rows are missing.
         """
         tensors: Tensors | None = None
         try:
             newest = newest_snapshot(self._folder, self._config)
             if newest is not None:
-                tensors, metadata = newest
+                tensors, metadata, damaged = newest
+                for path in damaged:
+                    log.warning("%s is damaged and set aside: the run goes on from the one before", path)
+                    path.rename(path.with_suffix(".damaged"))
                 check_history(self._folder.episodes_file, self.rows.read(), metadata)
                 self._take_up(metadata)
         except CheckpointError as error:

@@ -12,6 +12,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
+from common.levels.distributions import ANY
 from common.records.acting import Fragment, Lease, LeaseAnswer, LeaseRequest, Progressed
 from services.learner.ledger import Ledger, Unit
 from services.learner.opened import OpenEpisode
@@ -22,6 +23,7 @@ Q = TypeVar("Q")
 
 LONG_POLL_S = 2.0  # an answer without work goes out after this
 OPEN_S = 30.0  # of a question: the next answer is its last, and the actor asks again and says what it keeps
+LEASE_S = 120.0  # an actor that takes longer, while another one has nothing to do, loses its lease to that one
 STORY_EVENTS = 200
 
 
@@ -96,6 +98,8 @@ class Desk(Generic[Q]):
         self.story: deque[str] = deque(maxlen=STORY_EVENTS)
         self._names: dict[str, str] = {}  # of living actors, by incarnation
         self._given: dict[Unit, Lease] = {}
+        self._since: dict[Unit, float] = {}  # when somebody who has nothing to do was first seen to wait for it
+        self._late: dict[Unit, int] = {}  # how often its lease was taken back
         self._spoiled: set[tuple[str, Unit]] = set()  # who keeps what was refused
         self._open: dict[str, _Open[Q]] = {}  # by incarnation
 
@@ -127,6 +131,8 @@ class Desk(Generic[Q]):
     def give(self, now: float, *, paused: bool = False) -> list[Reply[Q]]:
         """Answers for those who wait: leases, or nothing for those who have waited long enough."""
         replies = []
+        if not paused:
+            self._take_back(now)
         for who, asked in list(self._open.items()):
             if not asked.waits:
                 continue
@@ -187,7 +193,8 @@ class Desk(Generic[Q]):
         fragment = self.ledger.next_ready()
         if fragment is None:
             raise ValueError("nothing was ready to be trained")
-        self._given.pop(fragment.lease.unit, None)
+        for of_units in (self._given, self._since, self._late):
+            of_units.pop(fragment.lease.unit, None)
         self.ledger.mark_trained()
         self.opened.fragments.append(fragment)
         if not fragment.course.over:
@@ -195,6 +202,19 @@ class Desk(Generic[Q]):
         episode, self.opened = self.opened, OpenEpisode()
         self._steps += episode.steps
         return episode
+
+    def _take_back(self, now: float) -> None:
+        """Let who has nothing to do act what its actor does not bring, each time after twice as long."""
+        idle = {asked.serves for asked in self._open.values() if asked.waits}
+        for unit, who in self.ledger.held().items() if idle else ():
+            if not idle & {ANY, self.ledger.levels[unit[0]]}:
+                continue
+            late = self._late.get(unit, 0)
+            if now - self._since.setdefault(unit, now) > LEASE_S * 2**late:
+                self._note(f"{self._names.get(who)} {who} does not bring episode {unit[0]}, fragment {unit[1]}")
+                self._late[unit] = late + 1
+                del self._since[unit]
+                self.ledger.take_back(unit)
 
     def _wrong(self, fragment: Fragment) -> str | None:
         lease, decisions = fragment.lease, fragment.course.decisions
@@ -225,6 +245,7 @@ class Desk(Generic[Q]):
 
     def _give(self, who: str, unit: Unit) -> Lease:
         self._spoiled.discard((who, unit))
+        self._since.pop(unit, None)
         lease = self._given[unit] = self._lease(unit)
         self._note(f"episode {unit[0]}, fragment {unit[1]} is leased to {self._names.get(who)}")
         return lease

@@ -117,6 +117,20 @@ class Ledger:
         del self._received[unit]
         return self._brought_by.pop(unit)
 
+    def held(self) -> dict[Unit, str]:
+        """What only one actor may act now: it has the lease, or its world stands where the open episode goes on."""
+        held = dict(self._leases)
+        if self.fragment and self._holder in self._alive and self.next_ready() is None:
+            held.setdefault((self.trained, self.fragment), self._holder)
+        return held
+
+    def take_back(self, unit: Unit) -> None:
+        """What was held waits again, for anyone."""
+        if unit in self._leases:
+            self.end_lease(unit)
+        if unit == (self.trained, self.fragment):
+            self._holder = None
+
     def end_lease(self, unit: Unit) -> None:
         """A leased unit waits again."""
         del self._leases[unit]

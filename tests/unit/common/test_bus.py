@@ -2,7 +2,6 @@
 
 import json
 import signal
-import socket
 import subprocess
 import threading
 import time
@@ -17,15 +16,15 @@ import pytest
 import zenoh
 
 from common import bus as bus_module
-from common.bus import NoAnswer, Traffic, open_bus, open_router
+from common.bus import NoAnswer, Traffic, checksum, open_bus, open_router
 from common.inbox import Inbox
 from common.interpreter import PYTHON
+from common.private import private_endpoint, remove_endpoint
 from common.records.acting import Weights
 from common.records.control import CommandAnswer, Empty
 from common.records.rows import HistoryRequest
 from common.wire.codec import SCHEMA_VERSION, encode, encoding_of
 from common.wire.keys import ALL_ALIVE, Alive, Service, Topic
-from deploy.launch import LOOPBACK, free_port
 
 PATIENCE_S = 10.0
 NUMBERS = Topic("numbers", HistoryRequest)
@@ -46,15 +45,20 @@ with open_bus(endpoint, namespace) as bus:
 """
 
 
-def free_endpoint():
-    return f"tcp/{LOOPBACK}:{free_port()}"
+@pytest.fixture
+def socket():
+    """Where a router may listen."""
+    made = private_endpoint()
+    yield made
+    remove_endpoint(made)
 
 
 @pytest.fixture(scope="module")
 def endpoint():
-    address = free_endpoint()
+    address = private_endpoint()
     with open_router(address):
         yield address
+    remove_endpoint(address)
 
 
 @pytest.fixture
@@ -402,12 +406,26 @@ def test_a_refused_message_is_counted_and_the_next_one_arrives(namespace, buses,
     arrived = SimpleQueue()
     listener.subscribe(NUMBERS, arrived.put)
     introduce(listener, talker)
-    stranger.put(f"{namespace}/numbers", body, encoding=encoding)
+    stranger.put(f"{namespace}/numbers", body, encoding=encoding, attachment=checksum(body))
     until(lambda: listener.refused == 1)
     talker.publish(NUMBERS, number(2))
     assert arrived.get(timeout=PATIENCE_S) == number(2)
     assert arrived.empty()
     assert "refused a message on numbers (the 1.): " in caplog.text
+
+
+@pytest.mark.parametrize("beside", [None, b"", checksum(encode(number(2)))])
+def test_what_is_not_as_it_was_sent_is_refused_though_it_is_a_message(namespace, buses, stranger, beside, caplog):
+    listener, talker = buses
+    arrived = SimpleQueue()
+    listener.subscribe(NUMBERS, arrived.put)
+    introduce(listener, talker)
+    encoding = encoding_of(HistoryRequest)
+    stranger.put(f"{namespace}/numbers", encode(number(1)), encoding=encoding, attachment=beside)
+    until(lambda: listener.refused == 1)
+    talker.publish(NUMBERS, number(2))
+    assert arrived.get(timeout=PATIENCE_S) == number(2)
+    assert "its checksum is missing or wrong" in caplog.text
 
 
 def test_a_refused_question_names_the_reason_and_the_next_one_is_answered(namespace, buses, stranger):
@@ -417,9 +435,10 @@ def test_a_refused_question_names_the_reason_and_the_next_one_is_answered(namesp
     for body, encoding, reason in (
         (encode(number(1)), "zenoh/bytes", "schema is 'zenoh/bytes', this process speaks"),
         (b"\xc1", encoding_of(HistoryRequest), "HistoryRequest: not a message"),
-        (None, None, "schema is "),
+        (b"", None, "schema is "),
     ):
-        [reply] = stranger.get(f"{namespace}/echo", payload=body, encoding=encoding, timeout=PATIENCE_S)
+        told = {"encoding": encoding, "attachment": checksum(body), "timeout": PATIENCE_S}
+        [reply] = stranger.get(f"{namespace}/echo", payload=body, **told)
         assert reply.err.payload.to_string().startswith(reason)
     assert listener.refused == 3
     assert talker.ask(ECHO, number(4), PATIENCE_S).text == "4"
@@ -437,7 +456,7 @@ def test_an_answer_that_is_none_is_refused(namespace, buses, stranger, body, enc
 
     def misanswer(query):
         with query:
-            query.reply(f"{namespace}/echo", body, encoding=encoding)
+            query.reply(f"{namespace}/echo", body, encoding=encoding, attachment=checksum(body))
 
     served = stranger.declare_queryable(f"{namespace}/echo", misanswer, complete=True)
     texts = []
@@ -512,30 +531,24 @@ def ours_is_seen(listener):
     return not tokens(listener).empty()
 
 
-def test_a_bus_to_nowhere_has_no_answer_in_time():
-    endpoint = free_endpoint()
+def test_a_bus_to_nowhere_has_no_answer_in_time(socket):
     begin = time.monotonic()
-    with pytest.raises(NoAnswer, match=f"no router at {endpoint}"), open_bus(endpoint, "nowhere", 0.3):
+    with pytest.raises(NoAnswer, match=f"no router at {socket}"), open_bus(socket, "nowhere", 0.3):
         pass
     assert time.monotonic() - begin < 3
 
 
-def test_a_router_does_not_share_its_port():
-    with socket.socket() as taken:
-        taken.bind((LOOPBACK, 0))
-        taken.listen()
-        endpoint = f"tcp/{LOOPBACK}:{taken.getsockname()[1]}"
-        with pytest.raises(OSError, match=f"cannot listen on {endpoint}"), open_router(endpoint):
-            pass
+def test_a_router_does_not_share_its_socket(endpoint):
+    with pytest.raises(OSError, match=f"cannot listen on {endpoint}"), open_router(endpoint):
+        pass
 
 
-def test_a_bus_outlives_its_router(namespace):
-    endpoint = free_endpoint()
+def test_a_bus_outlives_its_router(namespace, socket):
     heard = threading.Event()
     with ExitStack() as stack:
-        with open_router(endpoint):
-            listener = stack.enter_context(open_bus(endpoint, namespace, PATIENCE_S))
-            talker = stack.enter_context(open_bus(endpoint, namespace, PATIENCE_S))
+        with open_router(socket):
+            listener = stack.enter_context(open_bus(socket, namespace, PATIENCE_S))
+            talker = stack.enter_context(open_bus(socket, namespace, PATIENCE_S))
             listener.subscribe(NUMBERS, lambda _: heard.set())
             listener.serve(ECHO, echo)
             introduce(listener, talker)
@@ -543,7 +556,7 @@ def test_a_bus_outlives_its_router(namespace):
         until(lambda: not listener.connected() and not talker.connected())
         assert no_answer(talker).startswith("echo: ")
         talker.publish(NUMBERS, number(0))  # lost, and no error
-        with open_router(endpoint):
+        with open_router(socket):
             until(lambda: listener.connected() and talker.connected() and answers(talker))
             talker.publish(NUMBERS, number(1))
             assert heard.wait(PATIENCE_S)

@@ -133,7 +133,6 @@ def complaint(data):
         ("evaluation.levels", 1001, "evaluation.levels: input should be less than or equal to 1000, not 1001"),
         ("fragment_steps", 0, "fragment_steps: input should be greater than or equal to 1, not 0"),
         ("cluster.cores", 0, "cluster.cores: input should be greater than or equal to 1, not 0"),
-        ("cluster.port", 65536, "cluster.port: input should be less than or equal to 65535, not 65536"),
         ("cluster.hang_timeout_s", 0, "cluster.hang_timeout_s: input should be greater than or equal to 5, not 0"),
         ("cluster.actors.easy", 257, "cluster.actors.easy: input should be less than or equal to 256, not 257"),
         ("cluster.actors.esy", 1, "actors for level esy, which this run does not have: it has easy"),
@@ -258,7 +257,6 @@ def test_in_files_all_keys_stand_side_by_side():
         "cluster": {
             "actors": {"easy": 1},
             "cores": 2,
-            "port": 0,
             "snapshot_every_episodes": 50,
             "hang_timeout_s": 60.0,
             "max_restarts": 5,

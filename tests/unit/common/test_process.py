@@ -19,6 +19,7 @@ from common.config import parse_config
 from common.folder import RunFolder
 from common.interpreter import PYTHON
 from common.locks import RunsAlreadyError, holder, sole
+from common.private import private_endpoint, remove_endpoint
 from common.process import (
     EXIT_FATAL,
     EXIT_RUNS_ALREADY,
@@ -32,7 +33,6 @@ from common.records.heartbeats import ActorReport
 from common.strict import ConfigError
 from common.wire import keys
 from common.wire.keys import Alive
-from deploy.launch import LOOPBACK, free_port
 
 PATIENCE_S = 10.0
 CONFIG = parse_config(
@@ -223,11 +223,12 @@ def test_a_service_that_ends_well_leaves_at_once():
 def run(tmp_path):
     """A run whose router listens."""
     folder = RunFolder(tmp_path)
-    endpoint = f"tcp/{LOOPBACK}:{free_port()}"
+    endpoint = private_endpoint()
     folder.config_file.write_text(yaml.safe_dump(CONFIG.plain()))
     folder.cluster_file.write_text(json.dumps({"endpoint": endpoint, "namespace": "railctl/test"}))
     with open_router(endpoint):
         yield folder
+    remove_endpoint(endpoint)
 
 
 def test_a_place_has_a_token_a_heart_and_a_name_of_its_own(run, handlers):

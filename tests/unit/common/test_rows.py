@@ -169,4 +169,4 @@ def test_rows_stay_on_disk(tmp_path):
 
 def objects():
     gc.collect()
-    return sum(isinstance(found, EpisodeRow) for found in gc.get_objects())
+    return sum(type(found) is EpisodeRow for found in gc.get_objects())

@@ -1,4 +1,4 @@
-"""The snapshot that a run goes on from is the newest one, and a damaged one says what deleting it leads to."""
+"""The snapshot that a run goes on from is the newest one, and the one before where that is damaged."""
 
 import json
 
@@ -50,9 +50,9 @@ def test_before_the_first_there_is_none(folder, tmp_path):
 def test_the_newest_is_the_one_of_most_episodes_whenever_it_was_written(folder):
     for episode in (100, 9, 20):
         save(folder, episode)
-    tensors, metadata = newest_snapshot(folder, CONFIG)
+    tensors, metadata, damaged = newest_snapshot(folder, CONFIG)
     assert tensors["w"].tolist() == [100, 100, 100]
-    assert metadata["episode"] == "100"
+    assert (metadata["episode"], damaged) == ("100", [])
 
 
 def test_what_is_only_half_written_does_not_count(folder):
@@ -61,19 +61,28 @@ def test_what_is_only_half_written_does_not_count(folder):
     assert newest_snapshot(folder, CONFIG)[1]["episode"] == "5"
 
 
-@pytest.mark.parametrize(("others", "then"), [((), "from the start"), ((3, 4), "from 00000004.safetensors")])
-def test_a_damaged_one_says_what_deleting_it_leads_to(folder, others, then):
-    for episode in others:
-        save(folder, episode)
-    path = save(folder, 5)
+def damage(path):
     path.write_bytes(path.read_bytes()[:-1] + b"\xff")
+    return path
+
+
+def test_the_one_before_takes_the_place_of_a_damaged_one(folder):
+    save(folder, 3)
+    save(folder, 4)
+    damaged = [damage(save(folder, 6)), damage(save(folder, 5))]
+    found = newest_snapshot(folder, CONFIG)
+    assert found.metadata["episode"] == "4"
+    assert found.damaged == damaged
+
+
+@pytest.mark.parametrize(("episodes", "deleted"), [((5,), "it"), ((4, 5), "all 2 of {}")])
+def test_where_all_are_damaged_the_newest_is_named_and_the_way_out(folder, episodes, deleted):
+    paths = [damage(save(folder, episode)) for episode in episodes]
     with pytest.raises(CheckpointError) as caught:
         newest_snapshot(folder, CONFIG)
-    text = str(caught.value)
-    assert text.startswith(f"{path}: damaged")
-    assert text.endswith(f", or delete it to go on {then}, to the same curve")
-    path.unlink()
-    assert (newest_snapshot(folder, CONFIG) is None) is (not others)
+    assert str(caught.value).startswith(f"{paths[-1]}: damaged")
+    deleted = deleted.format(folder.snapshots)
+    assert str(caught.value).endswith(f", or delete {deleted} to go on from the start, to the same curve")
 
 
 def test_one_of_another_configuration_is_not_gone_on_from(folder):

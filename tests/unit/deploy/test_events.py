@@ -9,7 +9,7 @@ from common.folder import RunFolder
 from common.process import STARTING, Fatal
 from common.records.heartbeats import Heartbeat, LearnerReport
 from deploy import events
-from deploy.events import EventLog, changes, last_events
+from deploy.events import DamagedSnapshots, EventLog, changes, last_events
 from deploy.supervisor import Happening
 
 REPORT = LearnerReport(
@@ -116,3 +116,16 @@ def beat(state="training", pid=1, **counts):
 )
 def test_what_a_sign_of_life_says_has_happened(before, now, texts):
     assert [happening.text for happening in changes(before, now)] == texts
+
+
+def test_a_snapshot_that_is_set_aside_is_told_of_once(tmp_path):
+    folder = RunFolder(tmp_path)
+    folder.snapshots.mkdir()
+    (folder.snapshots / "00000001.damaged").touch()  # of an earlier time
+    damaged = DamagedSnapshots(folder)
+    assert list(damaged.new()) == []
+    (folder.snapshots / "00000005.damaged").touch()
+    [told] = damaged.new()
+    assert (told.kind, told.process) == ("skipped", "learner")
+    assert told.text == "snapshot 00000005.damaged set aside, the run goes on from one before"
+    assert list(damaged.new()) == []

@@ -1,6 +1,7 @@
 """Runs are found by name, by folder, or as the newest; a cluster that is not there says so."""
 
 import os
+from pathlib import Path
 
 import pytest
 
@@ -95,3 +96,19 @@ def test_a_run_that_is_not_there_is_not_reached(root, monkeypatch):
     monkeypatch.setattr("deploy.runs.CONNECT_TIMEOUT_S", 0.1)
     with sole(run, "learner"), pytest.raises(NoAnswer, match=r"no router at tcp/127\.0\.0\.1:9"), reach(run):
         pass
+
+
+def test_another_users_run_is_named_as_such_and_not_listed(root, monkeypatch):
+    run = make(root, "one", 1)
+    make(root, "two", 2)
+
+    def exists(path):
+        if path.parent == run.path:
+            raise PermissionError
+        return path.is_file()
+
+    monkeypatch.setattr(Path, "exists", exists)
+    monkeypatch.setattr("os.access", lambda path, _mode: path != run.path)
+    assert [found.path.name for found in all_runs()] == ["two"]
+    with pytest.raises(ConfigError, match=f"{run.path} belongs to {run.path.owner()}, and nobody else may look"):
+        find_run("one")

@@ -157,7 +157,18 @@ def test_another_cluster_makes_no_difference(folder):
     assert archive.snapshot == 5
 
 
-def test_a_damaged_snapshot_is_fatal_and_named(folder):
+def test_a_damaged_snapshot_is_set_aside_for_the_one_before(folder, caplog):
+    trained(folder, 7, snapshots=(3, 5))
+    path = folder.snapshots / "00000005.safetensors"
+    path.write_bytes(path.read_bytes()[:-1])
+    archive = Archive(folder, config())
+    assert archive.resume()["trainer/episodes"] == 3
+    assert (archive.snapshot, archive.rows.count) == (3, 3)
+    assert caplog.messages == [f"{path} is damaged and set aside: the run goes on from the one before"]
+    assert snapshots(folder) == ["00000003.safetensors", "00000005.damaged"]
+
+
+def test_a_damaged_snapshot_that_is_the_only_one_is_fatal_and_named(folder):
     trained(folder, 5, snapshots=(5,))
     path = folder.snapshots / "00000005.safetensors"
     data = bytearray(path.read_bytes())

@@ -5,7 +5,7 @@ import pytest
 from made_episodes import answer_to, edited
 
 from common.records.acting import LeaseRequest
-from services.learner.desk import LONG_POLL_S, OPEN_S, STORY_EVENTS, Desk, Reply, Start
+from services.learner.desk import LEASE_S, LONG_POLL_S, OPEN_S, STORY_EVENTS, Desk, Reply, Start
 from services.learner.schedule import Schedule
 
 NOW = 100.0
@@ -106,6 +106,52 @@ def test_who_has_waited_longest_gets_the_next_lease():
     made.arrive(answer_to(answer.lease, actor="b"))
     train(made)
     assert [reply.question for reply in made.give(NOW)] == ["a asks"]
+
+
+def idle(made, actor, now, serves="any"):
+    """What an actor that has nothing to do is leased then."""
+    made.ask(f"{actor} asks", request(actor, serves=serves), now)
+    return next((reply.answer.lease for reply in made.give(now) if reply.question == f"{actor} asks"), None)
+
+
+def test_who_has_nothing_to_do_acts_what_its_actor_does_not_bring():
+    made = desk("a", "b", "c")
+    first = lease(made, "a")
+    assert idle(made, "b", NOW) is None
+    assert idle(made, "b", NOW + LEASE_S) is None
+    assert idle(made, "b", NOW + LEASE_S + 1) == first
+    assert made.ledger.reissued == 1
+    assert idle(made, "c", NOW + LEASE_S + 2) is None
+    assert idle(made, "c", NOW + 3 * LEASE_S) is None  # the second has twice the time
+    assert "leased to b" in made.arrive(answer_to(first, actor="a"))
+    assert made.arrive(answer_to(first, actor="b")) is None
+    assert train(made).steps == 2
+    assert made.arrive(answer_to(first, actor="a")) is None  # too late, and the same
+    assert made.ledger.duplicates == 1
+
+
+def test_nobody_loses_a_lease_to_who_could_not_act_it_or_while_the_run_is_paused():
+    made = desk("a", "b")
+    first = lease(made, "a")
+    for now in (NOW, NOW + LEASE_S + 1, NOW + 9 * LEASE_S):
+        assert idle(made, "b", now, serves="hard") is None
+    made.ask("b asks", request("b"), NOW)
+    for now in (NOW, NOW + LEASE_S + 1):
+        assert [reply.answer.lease for reply in made.give(now, paused=True)] in ([], [None])
+    made.arrive(answer_to(first, actor="a"))
+    assert train(made).steps == 2
+
+
+def test_an_open_episode_does_not_wait_for_ever_for_the_actor_whose_world_stands_there():
+    made = desk("a", "b", fragment_steps=4)
+    made.ask("a asks", request("a"), NOW - OPEN_S)
+    [(_, answer, last)] = made.give(NOW)
+    made.arrive(answer_to(answer.lease, actor="a", over=False))
+    train(made)
+    assert last  # a never asks again
+    assert idle(made, "b", NOW) is None
+    assert idle(made, "b", NOW + LEASE_S) is None
+    assert idle(made, "b", NOW + LEASE_S + 1).unit == (0, 1)
 
 
 def test_who_is_refused_gets_the_next_lease():
