@@ -1,15 +1,16 @@
 """Files of rows: JSON lines that survive a kill. A line that was cut off in mid-write never counts."""
 
-import json
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from pydantic import ValidationError
-
+from common.bounded import open_at_once, parse_json
 from common.records.base import Record
 
 R = TypeVar("R", bound=Record)
+
+LONGEST_ROW = 65_536  # bytes
 
 
 class DamagedRows(Exception):  # noqa: N818  (named for what is found)
@@ -24,16 +25,22 @@ def read_rows(path: Path, record_type: type[R]) -> list[R]:
     """
     if not path.exists():
         return []
-    *lines, _torn = path.read_bytes().split(b"\n")
     rows = []
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(_whole_lines(path), start=1):
         try:
-            rows.append(record_type.model_validate(json.loads(line)))
-        except (ValueError, ValidationError):
+            rows.append(record_type.model_validate(parse_json(line)))
+        except ValueError:
             raise DamagedRows(
                 f"{path} line {number} is not a valid row: delete this and all later lines to lose only those"
             ) from None
     return rows
+
+
+def _whole_lines(path: Path) -> Iterator[bytes]:
+    """The lines that end; one that is too long to be a row comes in parts, as something that is none."""
+    with open_at_once(path) as file:
+        while (line := file.readline(LONGEST_ROW)).endswith(b"\n") or len(line) == LONGEST_ROW:
+            yield line
 
 
 class RowFile(Generic[R]):
@@ -48,8 +55,8 @@ class RowFile(Generic[R]):
         self.rows = read_rows(path, record_type)
         self._file = path.open("ab")
         self._ends = [0]
-        for line in path.read_bytes().split(b"\n")[: len(self.rows)]:
-            self._ends.append(self._ends[-1] + len(line) + 1)
+        for line in _whole_lines(path):
+            self._ends.append(self._ends[-1] + len(line))
         self._file.truncate(self._ends[-1])
 
     def append(self, row: R) -> None:

@@ -125,7 +125,7 @@ def test_what_is_no_file_or_cannot_be_read(tmp_path, monkeypatch):
     assert "is no file: check the path" in refusal(tmp_path / "pipe")
     path = tmp_path / "a.safetensors"
     path.touch()
-    monkeypatch.setattr(Path, "read_bytes", Mock(side_effect=PermissionError(13, "Permission denied")))
+    monkeypatch.setattr("common.checkpoint.open_at_once", Mock(side_effect=PermissionError(13, "Permission denied")))
     assert "cannot be read (Permission denied)" in refusal(path)
 
 
