@@ -267,13 +267,15 @@ def parse_actors(text: str) -> dict[str, int]:
     for part in text.split(","):
         level, separator, count = part.strip().partition("=")
         if not separator or not level or not (count.isascii() and count.isdigit()):
-            raise ConfigError(f"actors {part!r} is not level=count: write for example easy=2,hard=1")
+            raise ConfigError(f"actors {shortened(part)} is not level=count: write for example easy=2,hard=1")
         if LEVEL_FORM.fullmatch(level) is None:
-            raise ConfigError(f"actors {part!r}: a level's name has letters, digits, '.', '_' and '-', at most 40")
+            raise ConfigError(
+                f"actors {shortened(part)}: a level's name has letters, digits, '.', '_' and '-', at most 40"
+            )
         if level in counts:
-            raise ConfigError(f"actors {part!r}: {level} is there twice, leave one out")
+            raise ConfigError(f"actors {shortened(part)}: {level} is there twice, leave one out")
         if len(count) > 3 or int(count) > MAX_ACTORS:
-            raise ConfigError(f"actors {part!r}: at most {MAX_ACTORS} of a level")
+            raise ConfigError(f"actors {shortened(part)}: at most {MAX_ACTORS} of a level")
         counts[level] = int(count)
     return counts
 

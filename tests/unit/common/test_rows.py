@@ -93,6 +93,8 @@ def test_a_file_cut_anywhere_holds_the_first_rows_and_goes_on_from_there(tmp_pat
         b"null",
         b"\xff\xfe",
         b'{"episode": 1}',
+        b"[" * 5000,
+        b"x" * 200_000,
         row(1).model_dump_json(by_alias=True).replace("-0.5", "NaN").encode(),
         row(1).model_dump_json(by_alias=True).replace('"easy"', '"no name"').encode(),
         row(1).model_dump_json(by_alias=True).replace('"level"', '"colour"').encode(),
@@ -135,3 +137,11 @@ def test_rows_are_on_disk_when_sync_returns(tmp_path, monkeypatch):
     file.sync()
     file.close()
     assert synced == [path.stat().st_size]
+
+
+def test_a_file_without_a_line_is_not_read_to_its_end(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    with path.open("wb") as file:
+        file.truncate(1 << 42)
+    with pytest.raises(DamagedRows, match="line 1 is not a valid row"):
+        read_rows(path, EpisodeRow)

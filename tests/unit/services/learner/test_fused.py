@@ -184,7 +184,7 @@ def test_imitation_has_the_gradients_of_autograd(shape, rows, seed):
 
 
 def gradient_of_large_errors(config, network, batch):
-    """The largest gradient with rewards less by one: an error is rounded as its terms are, of about one, however small."""
+    """The largest gradient with rewards less by one: errors are rounded as their terms are, of about one."""
     twice = PlainDqn(config, copy.deepcopy(network).double())
     twice.update(batch._replace(reward_t=batch.reward_t - 1))
     return largest_gradient(twice._network)
