@@ -21,7 +21,7 @@ def read_mapping(path: Path, remedy: str, example: str) -> dict[Any, Any]:
     Raises:
         ConfigError: it cannot be read, or is not a mapping; one line that ends in what to do.
     """
-    named = brief(str(path))
+    named = brief(str(path), 200)
     try:
         data = parse_yaml(read_bounded(path, MOST_BYTES).decode())
     except OSError as error:

@@ -98,7 +98,8 @@ def describe(error: ValidationError, model: type[BaseModel]) -> str:
         return f"{field}: input should be a valid dictionary, not {shortened(problem['input'])}"
     if problem["type"] == "value_error":
         return f"{field}: {message}" if field else message
-    return f"{field}: {message[0].lower()}{message[1:]}, not {shortened(problem['input'])}"
+    where = f"{field}: " if field else ""
+    return f"{where}{message[0].lower()}{message[1:]}, not {shortened(problem['input'])}"
 
 
 def shortened(value: Any, most: int = 80) -> str:

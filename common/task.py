@@ -80,7 +80,7 @@ def carry_out(work: Callable[[], None], *failures: type[Exception]) -> None:
     except failures as error:
         _end(str(error), FAILED)
     except OSError as error:
-        where = f"{brief(str(error.filename))}: " if error.filename else ""  # a write does not know
+        where = f"{brief(str(error.filename), 200)}: " if error.filename else ""  # a write does not know
         _end(f"{where}{error.strerror}", FAILED)
 
 

@@ -179,7 +179,7 @@ def start_supervisor(
     deadline = time.monotonic() + START_TIMEOUT_S
     while not supervised(folder):
         if child.poll() is not None or time.monotonic() > deadline:
-            lines = (folder.logs / "supervisor.log").read_text().splitlines() or ["it left no word"]
+            lines = (folder.logs / "supervisor.log").read_text(errors="replace").splitlines() or ["it left no word"]
             raise Failed(f"the supervisor did not start: {lines[-1]}")
         time.sleep(0.05)
     return child.pid

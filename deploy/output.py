@@ -80,7 +80,7 @@ def one_line_errors(command: Callable[P, None]) -> Callable[P, None]:
 
 def _of_the_system(error: OSError) -> tuple[str, int]:
     """What the system complains of, and whether it is for what it was asked."""
-    where = f"{brief(str(error.filename))}: " if error.filename else ""  # a write does not know
+    where = f"{brief(str(error.filename), 200)}: " if error.filename else ""  # a write does not know
     if error.errno in NO_ROOM:
         return f"{error.strerror}: make room on the disk, then run it again", FAILED
     if isinstance(error, PermissionError):

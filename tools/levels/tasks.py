@@ -226,7 +226,7 @@ def work() -> None:
         ConfigError: it is none.
         OSError: it cannot be read.
     """
-    path = Path(sys.argv[1])
+    path = Path(*sys.argv[1:2])
     try:
         request = REQUESTS.validate_python(read_json(path))
     except ValueError:

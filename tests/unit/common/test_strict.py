@@ -191,7 +191,7 @@ class Numbers(Strict):
         ({"is_on": 0.0}, "is_on: input should be a valid boolean, not 0.0"),
         ({"how": 1}, "how: input should be a valid boolean, not 1"),
         ({"sizes": [1, True]}, "sizes.1: input should be a valid integer, not True"),
-        ({"scales": {True: 1}}, "scales.True: input should be a valid number, not True"),
+        ({"scales": {True: 1}}, "scales.1: input should be a valid number, not True"),
         ({"scales": {0.5: True}}, "scales.0.5: input should be a valid integer, not True"),
         ({"maybe": True}, "maybe: input should be a valid integer, not True"),
         ({"either": True}, "either: input should be a valid number, not True"),
