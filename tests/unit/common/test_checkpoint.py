@@ -237,5 +237,5 @@ def test_of_a_huge_file_of_another_kind_the_beginning_is_enough(tmp_path):
 def test_a_checkpoint_that_is_larger_than_any_is_not_read(tmp_path, monkeypatch):
     path = tmp_path / "a.safetensors"
     save(path, tensors(), METADATA, "checkpoint")
-    monkeypatch.setitem(checkpoint.MOST_BYTES, "checkpoint", 1000)
-    assert "cannot be read (larger than 0.001 MB)" in refusal(path)
+    monkeypatch.setitem(checkpoint.MOST_BYTES, "checkpoint", 100)
+    assert "cannot be read (larger than 0.0001 MB)" in refusal(path)
