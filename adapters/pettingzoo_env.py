@@ -14,6 +14,7 @@ what the study reports of the episode, whatever is learned from, and under stock
 score of flatland-rl 4.3.0.
 """
 
+import operator
 import secrets
 from collections.abc import Mapping
 from pathlib import Path
@@ -37,7 +38,7 @@ from common.rail.observations.table import look
 from common.rail.world import MOVE_FORWARD, N_ACTIONS
 from common.records.course import NONE, normalised_return
 from common.seeding import training_distribution, training_level_seed, training_malfunction_seed
-from common.strict import ConfigError, nearest
+from common.strict import ConfigError, nearest, shortened
 from common.world import Decisions, WorldSpec
 
 Observation = NDArray[np.float32]
@@ -46,6 +47,7 @@ Actions = Mapping[str, int | np.int64]
 Outcome = tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]
 RENDER_MODES = ["human", "rgb_array"]
 SEED_BITS = 31
+OPTIONS = {"levels", "difficulty", "level"}  # of `reset`
 
 
 class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
@@ -129,20 +131,23 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
             seed: see the class.
             options: `levels`, the name of the distribution of this level (`difficulty` says the same), or `level`, to
                 be played instead of a drawn one: under the rules of the environment's levels, or, if there are both
-                among them, stock rules if it has a schedule. Others are left to wrappers.
+                among them, stock rules if it has a schedule. Others are for wrappers, and warned of here.
 
         Returns:
             Observations and infos of all agents.
 
         Raises:
-            ValueError: the level has more trains than there can be agents, or does not fit the world.
+            ValueError: the seed is none, or the level is none, has more trains than there can be agents, or does not
+                fit the world.
         """
         if seed is not None:
-            self._seed, self._episode = seed, 0
+            self._seed, self._episode = _seed(seed), 0
         elif self._seed is None:
             self._seed = secrets.randbits(SEED_BITS)
         else:
             self._episode += 1
+        for option in (options or {}).keys() - OPTIONS:
+            logger.warn(f"reset knows no option {shortened(option)}: known are {', '.join(sorted(OPTIONS))}")
         level, rules = self._drawn(self._seed, options or {})
         if level.n_trains > len(self.possible_agents):
             raise ValueError(
@@ -220,7 +225,9 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
 
     def _drawn(self, seed: int, options: dict[str, Any]) -> tuple[Level, Rules]:
         level = options.get("level")
-        if isinstance(level, Level):
+        if level is not None:
+            if not isinstance(level, Level):
+                raise ValueError(f"level {shortened(level)} is no Level; ask for one by name with levels")
             known = {self.world.levels[name].rules for name in self._setting.mix}
             both: Rules = "legacy" if level.schedule is None else "stock"
             return level, both if len(known) > 1 else known.pop()
@@ -231,6 +238,9 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
 
     def _given(self, played: CompiledWorld, actions: Actions) -> NDArray[np.int8]:
         """[1, N]: the actions of all trains."""
+        for agent in actions:
+            if agent not in self._numbers:
+                raise ValueError(f"there is no agent {shortened(agent)}{nearest(str(agent), self.agents)}")
         given = np.full((1, len(self.possible_agents)), MOVE_FORWARD, np.int8)
         deciding = played.deciding()[0]
         for agent in self.agents:
@@ -239,10 +249,10 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
             if action is None:
                 if deciding[train]:
                     raise ValueError(f"{agent} decides, and there is no action for it")
-            elif not 0 <= int(action) < N_ACTIONS:
-                raise ValueError(f"{agent} has action {action}: choose 0 to {N_ACTIONS - 1}")
+            elif not 0 <= (number := _whole(action)) < N_ACTIONS:
+                raise ValueError(f"{agent} has action {shortened(action)}: choose 0 to {N_ACTIONS - 1}")
             else:
-                given[0, train] = action
+                given[0, train] = number
         return given
 
     def _observations(self, played: CompiledWorld) -> dict[str, Observation]:
@@ -291,9 +301,24 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
         return picture
 
 
+def _whole(value: Any) -> int:
+    """A whole number of any library; -1 for what is none, which is no action and no seed."""
+    try:
+        return -1 if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        return -1
+
+
+def _seed(seed: Any) -> int:
+    number = _whole(seed)
+    if not 0 <= number < 1 << SEED_BITS:
+        raise ValueError(f"seed {shortened(seed)}: give a whole number from 0 to 2**{SEED_BITS} - 1")
+    return number
+
+
 def _render_mode(mode: str | None) -> str | None:
     if mode is not None and mode not in RENDER_MODES:
-        raise ConfigError(f"unknown render_mode {mode!r}{nearest(mode, RENDER_MODES)}")
+        raise ConfigError(f"unknown render_mode {shortened(mode)}{nearest(mode, RENDER_MODES)}")
     return mode
 
 

@@ -9,7 +9,7 @@ from common.config import upgraded
 from common.levels.distributions import shipped
 from common.levels.own import with_files_read
 from common.mapping_file import read_mapping
-from common.strict import ConfigError, nearest
+from common.strict import ConfigError, nearest, shortened
 from common.world import WorldSpec, chosen_levels, read_world
 
 KEYS = ("observation", "decisions", "reward", "interlocking", "patience")  # of a run file, beside its levels
@@ -58,7 +58,7 @@ class Setting:
         data = upgraded(read_mapping(path, "give an existing run file", "mix: {easy: 1}"))
         mix = data.get("mix", {data.get("level", "easy"): 1.0})
         if not isinstance(mix, dict) or not mix:
-            raise ConfigError(f"mix: input should be a valid dictionary, not {mix!r}")
+            raise ConfigError(f"mix: input should be a valid dictionary, not {shortened(mix)}")
         chosen = {key: data[key] for key in KEYS if key in data}
         for key in ("observation", "reward"):
             if isinstance(chosen.get(key), str):
@@ -73,7 +73,7 @@ class Setting:
             ConfigError: there is none of this name.
         """
         if name not in self.world.levels:
-            raise ConfigError(f"unknown level {name!r}{nearest(str(name), list(self.world.levels))}")
+            raise ConfigError(f"unknown level {shortened(name)}{nearest(str(name), list(self.world.levels))}")
         return Setting(self.world, {name: 1.0}, self.base)
 
     @property

@@ -28,6 +28,7 @@ from common.strict import ConfigError, Strict, describe
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]{0,39}$")]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
 MOST_SEEDS = 1000
+MOST_DRAWS = 1_000_000
 
 
 class Contender(Strict):
@@ -60,8 +61,8 @@ class Judgement(Strict):
 
     block: int = Field(default=100, ge=3)  # episodes an evaluation point
     zones: int = Field(default=3, ge=1)
-    bootstraps: int = Field(default=1000, ge=1)
-    permutations: int = Field(default=10_000, ge=1)
+    bootstraps: int = Field(default=1000, ge=1, le=MOST_DRAWS)
+    permutations: int = Field(default=10_000, ge=1, le=MOST_DRAWS)
 
 
 class Study(Strict):

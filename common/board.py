@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from common.bounded import parse_json
 from common.kernel import bare_kernel
 from common.policy.flat import Arrays, Flat, Order, Place
 
@@ -47,7 +48,7 @@ class Slots:
     @classmethod
     def of_header(cls, header: bytes) -> "Slots":
         """Those that a file's header tells of; raises ValueError, KeyError or TypeError for what is none."""
-        told = json.loads(header)
+        told = parse_json(header)
         places = {
             str(name): Place(tuple(map(int, shape)), int(begin), tuple(map(int, strides)))
             for name, (shape, begin, strides) in told["places"].items()

@@ -20,9 +20,13 @@ import safetensors.numpy
 from numpy.typing import NDArray
 from safetensors import SafetensorError
 
+from common.bounded import open_at_once, read_bounded
+
 FORMAT = "1"  # 1: the first
 Kind = Literal["checkpoint", "snapshot"]  # weights to act with; everything that a learner goes on from
 OURS = ("kind", "format", "digest")  # metadata that this module sets and checks
+MOST_BYTES: dict[Kind, int] = {"checkpoint": 2_000_000_000, "snapshot": 64_000_000_000}
+NO_SAFETENSORS = "not a safetensors file: it is truncated or of another program, use another one"
 DTYPES = {"b": "BOOL", "i": "I", "u": "U", "f": "F"}  # numpy's kind to safetensors' name, but for the bits
 
 Tensors = dict[str, NDArray[Any]]
@@ -70,7 +74,11 @@ def load(path: Path, kind: Kind) -> tuple[Tensors, Metadata]:
     try:
         if path.exists() and not path.is_file():
             raise CheckpointError(f"{path}: is no file: check the path")  # a pipe would wait
-        data = path.read_bytes()
+        with open_at_once(path), safetensors.safe_open(path, "np"):
+            pass  # it is one as far as its header says, so that reading all of it is worth while
+        data = read_bounded(path, MOST_BYTES[kind])
+    except SafetensorError:
+        raise CheckpointError(f"{path}: {NO_SAFETENSORS}") from None
     except FileNotFoundError:
         raise CheckpointError(f"{path}: no such file: check the path and the run's folder") from None
     except OSError as error:
@@ -98,12 +106,19 @@ def from_bytes(data: bytes, kind: Kind, source: str) -> tuple[Tensors, Metadata]
         tensors = safetensors.numpy.load(data)
         metadata = _header(data).get("__metadata__", {})
     except (SafetensorError, ValueError, KeyError):  # KeyError: a dtype that numpy lacks
-        remedy = "it is truncated or of another program, use another one"
-        raise CheckpointError(f"{source}: not a safetensors file: {remedy}") from None
+        raise CheckpointError(f"{source}: {NO_SAFETENSORS}") from None
     _check_metadata(metadata, kind, source)
     if metadata["digest"] != _digest(tensors, metadata):
         raise CheckpointError(f"{source}: damaged, its digest does not match its content: use another one")
+    if kind == "checkpoint":
+        _check_finite(tensors, source)
     return tensors, metadata
+
+
+def _check_finite(tensors: Tensors, source: str) -> None:
+    for name, array in tensors.items():
+        if not np.isfinite(array).all():
+            raise CheckpointError(f"{source}: tensor {name} has numbers that are not finite: use another checkpoint")
 
 
 def _check_metadata(metadata: Metadata, kind: Kind, source: str) -> None:

@@ -5,16 +5,16 @@ carried out. Every part of the system receives its own section, never the tree. 
 those of the run, of its `WorldSpec`, and of its rule's settings.
 """
 
-import json
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, Field, SerializeAsAny, ValidationError, model_validator
 
+from common.bounded import parse_json
 from common.levels.distributions import ANY, LevelName
 from common.rules import rules, settings_of
 from common.rules.settings import Mode, RuleSettings
-from common.strict import ConfigError, Positive, Share, Strict, describe, nearest, section_of, shortened
+from common.strict import ConfigError, Positive, Share, Strict, brief, describe, nearest, section_of, shortened
 from common.world import WorldSpec, chosen_levels
 
 MAX_ACTORS = 256  # of one level
@@ -151,7 +151,7 @@ def parse_config(data: Mapping[str, Any]) -> RunConfig:
     data = upgraded(data)
     for key in data:
         if not isinstance(key, str):
-            raise ConfigError(f"{key}: keys should be strings, not {key!r}")
+            raise ConfigError(f"{brief(str(key))}: keys should be strings, not {shortened(key)}")
     if "rule" not in data:
         raise ConfigError("rule is missing: give it a value")
     if (mix := data.get("mix")) is None:
@@ -181,7 +181,7 @@ def config_of_science(science: str) -> RunConfig:
         ValueError: this is no JSON object.
         ConfigError: it is not what this version knows.
     """
-    data = json.loads(science)
+    data = parse_json(science)
     if not isinstance(data, dict):
         raise ValueError("no object")  # noqa: TRY004  (of JSON)
     return parse_config(data | {"cluster": {"actors": {ANY: 1}}})
@@ -233,6 +233,6 @@ def _checked(model: type[Any], data: Mapping[str, Any]) -> Any:
 
 def _unknown(key: str, rule: str) -> str:
     if any(key in settings_of(other).model_fields for other in rules()):
-        return f"{key}: rule {rule} has no use for it, leave it out"
+        return f"{brief(key)}: rule {rule} has no use for it, leave it out"
     known = {name for model in (RunConfig, WorldSpec, settings_of(rule)) for name in model.model_fields}
-    return f"unknown key {key}{nearest(key, sorted(known - set(PARTS)))}"
+    return f"unknown key {brief(key)}{nearest(key, sorted(known - set(PARTS)))}"

@@ -14,6 +14,7 @@ from typing import BinaryIO, Final, Literal
 
 from pydantic import Field, ValidationError
 
+from common.bounded import parse_json
 from common.records.base import Digest, Text
 from common.records.course import Course
 from common.strict import Strict, describe
@@ -143,8 +144,8 @@ def _opened(path: Path) -> BinaryIO:
 
 def _heading(path: Path, line: bytes) -> Heading:
     try:
-        plain = json.loads(line)
-    except (ValueError, RecursionError):
+        plain = parse_json(line)
+    except ValueError:
         plain = None
     if not line.endswith(b"\n") or not isinstance(plain, dict) or plain.get("format") != FORMAT:
         raise DemonstrationsError(f"{path}: no demonstrations: give a file of railctl demonstrate")
@@ -173,7 +174,7 @@ def _courses(path: Path, heading: Heading) -> Iterator[Course]:
                     f"{path}: episode {number}: {error}: make the file anew with railctl demonstrate"
                 ) from None
             yield course
-        if file.read() != whole.digest.digest():
+        if file.read(DIGEST_BYTES + 1) != whole.digest.digest():
             raise DemonstrationsError(f"{path}: damaged, or holds more episodes than it says: make the file anew")
 
 

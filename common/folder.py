@@ -1,15 +1,42 @@
 """Where everything of a run lies."""
 
-import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
+from pydantic import Field
+
+from common.bounded import read_json
 from common.bus import NoAnswer
-from common.config import RunConfig, parse_config
+from common.config import MAX_ACTORS, RunConfig, parse_config
+from common.levels.distributions import LevelName
 from common.mapping_file import read_mapping
 from common.rules.settings import DEMONSTRATIONS_FILE, START_FILE
-from common.strict import ConfigError
+from common.strict import ConfigError, Strict
+
+Word = Annotated[str, Field(pattern=r"^\S+$", max_length=200)]
+
+
+class Cluster(Strict):
+    """What `cluster.json` says; whoever starts the run makes what it lacks.
+
+    Attributes:
+        endpoint: where the run's router listens.
+        namespace: the run's key prefix.
+        actors: how many there are to be, by what they serve.
+    """
+
+    endpoint: Word | None = None
+    namespace: Word | None = None
+    actors: dict[LevelName, Annotated[int, Field(ge=0, le=MAX_ACTORS)]] | None = None
+
+
+class Outcome(Strict):
+    """How a run ended, and why it did if nobody asked for it: `outcome.json`."""
+
+    outcome: Literal["finished", "stopped", "failed"]
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -78,14 +105,26 @@ class RunFolder:
 
     def wants_actors(self) -> bool:
         """There are to be some, as the supervisor knows it; else the learner acts itself."""
+        counts = self.cluster().actors
+        return counts is None or any(counts.values())  # unless somebody has said that there are to be none
+
+    def cluster(self) -> Cluster:
+        """What `cluster.json` says: nothing, if it is not there, or damaged; `railctl up` makes it anew."""
         try:
-            return any(json.loads(self.cluster_file.read_text())["actors"].values())
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
-            return True  # nobody has said that there are to be none
+            return Cluster.model_validate(read_json(self.cluster_file))
+        except (OSError, ValueError):
+            return Cluster()
 
     @property
     def outcome_file(self) -> Path:
         return self.path / "outcome.json"
+
+    def outcome(self) -> Outcome | None:
+        """How the run ended; None: `outcome.json` is not there, or damaged."""
+        try:
+            return Outcome.model_validate(read_json(self.outcome_file))
+        except (OSError, ValueError):
+            return None
 
     @property
     def curve_file(self) -> Path:
@@ -113,11 +152,10 @@ class RunFolder:
         Raises:
             NoAnswer: the run was never started.
         """
-        try:
-            cluster = json.loads(self.cluster_file.read_text())
-            return str(cluster["endpoint"]), str(cluster["namespace"])
-        except (OSError, ValueError, KeyError, TypeError):
-            raise NoAnswer(f"run {self.path.name} has no cluster: start one with railctl up") from None
+        cluster = self.cluster()
+        if cluster.endpoint is None or cluster.namespace is None:
+            raise NoAnswer(f"run {self.path.name} has no cluster: start one with railctl up")
+        return cluster.endpoint, cluster.namespace
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:

@@ -3,9 +3,11 @@
 from pathlib import Path
 from typing import Any
 
-import yaml
+from common.bounded import read_bounded
+from common.plain_yaml import NotPlainYamlError, parse_yaml
+from common.strict import ConfigError, brief
 
-from common.strict import ConfigError
+MOST_BYTES = 256_000
 
 
 def read_mapping(path: Path, remedy: str, example: str) -> dict[Any, Any]:
@@ -19,12 +21,15 @@ def read_mapping(path: Path, remedy: str, example: str) -> dict[Any, Any]:
     Raises:
         ConfigError: it cannot be read, or is not a mapping; one line that ends in what to do.
     """
+    named = brief(str(path), 200)
     try:
-        data = yaml.safe_load(path.read_text())
+        data = parse_yaml(read_bounded(path, MOST_BYTES).decode())
     except OSError as error:
-        raise ConfigError(f"{path} cannot be read: {error.strerror}: {remedy}") from None
-    except (yaml.YAMLError, ValueError) as error:  # ValueError: no text, or a date or number that cannot be
-        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
+        raise ConfigError(f"{named} cannot be read: {error.strerror}: {remedy}") from None
+    except NotPlainYamlError as error:
+        raise ConfigError(f"{named} is not YAML: {error}") from None
+    except ValueError:
+        raise ConfigError(f"{named} is not YAML: it is no text in UTF-8: {remedy}") from None
     if not isinstance(data, dict):
-        raise ConfigError(f"{path} holds no keys: write for example '{example}'")
+        raise ConfigError(f"{named} holds no keys: write for example '{example}'")
     return data

@@ -4,11 +4,11 @@ import sys
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 
 from common.levels.distributions import AnyLevels, LevelName
 from common.rules.settings import Mode
-from common.strict import Strict
+from common.strict import ConfigError, Strict, describe
 
 Reference = Literal[
     "random",
@@ -26,7 +26,7 @@ PLANNING: tuple[Reference, ...] = ("planner", "planner-replanned")  # references
 DRAWING: tuple[Reference, ...] = ("random", *PLANNING)  # references that draw
 ORDERS = 50
 MOST_ORDERS = 100_000
-MOST_EPISODES = 1_000_000  # of demonstrations
+MOST_EPISODES = 1_000_000  # of demonstrations, or evaluation levels
 EPISODES = 100  # evaluation levels, if no number is given and so many are held out
 
 R = TypeVar("R", bound=Strict)
@@ -49,7 +49,7 @@ class LevelChoice(Strict):
     own: dict[LevelName, AnyLevels] = Field(default_factory=dict)
     base: Path = Path()
     file: Path | None = None
-    episodes: int | None = Field(default=None, ge=1)
+    episodes: int | None = Field(default=None, ge=1, le=MOST_EPISODES)
     seed: int = Field(default=0, ge=0)
     bank: Path | None = None
 
@@ -106,5 +106,10 @@ class DemonstrationRequest(Strict):
 
 
 def asked(model: type[R]) -> R:
-    """The request that is this process's one argument."""
-    return model.model_validate_json(sys.argv[1])
+    """The request that is this process's one argument; raises ConfigError if it is none."""
+    try:
+        return model.model_validate_json(sys.argv[1])
+    except IndexError:
+        raise ConfigError("there is no request: these processes are for the command line") from None
+    except ValidationError as error:
+        raise ConfigError(describe(error, model)) from None

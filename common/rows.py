@@ -1,6 +1,5 @@
 """Files of rows: JSON lines that survive a kill. A line that was cut off in mid-write never counts."""
 
-import json
 import os
 from array import array
 from collections.abc import Iterator
@@ -8,13 +7,13 @@ from itertools import islice
 from pathlib import Path
 from typing import IO, Generic, TypeVar
 
-from pydantic import ValidationError
-
+from common.bounded import open_at_once, parse_json
 from common.records.base import Record
 
 R = TypeVar("R", bound=Record)
 
 STRIDE = 1000  # rows from one place that is kept in memory to the next
+LONGEST_ROW = 65_536  # bytes
 
 
 class DamagedRows(Exception):  # noqa: N818  (named for what is found)
@@ -33,7 +32,7 @@ def read_rows(path: Path, record_type: type[R]) -> list[R]:
 def each_row(path: Path, record_type: type[R]) -> Iterator[R]:
     """As `read_rows`, one after another: a run may have more than memory holds."""
     if path.exists():
-        with path.open("rb") as file:
+        with open_at_once(path) as file:
             for number, line in enumerate(_whole_lines(file), start=1):
                 yield _row(path, record_type, number, line)
 
@@ -110,13 +109,15 @@ class RowFile(Generic[R]):
 
 
 def _whole_lines(file: IO[bytes]) -> Iterator[bytes]:
-    return (line for line in file if line.endswith(b"\n"))  # only the last one can be torn
+    """The lines that end; one that is too long to be a row comes in parts, as something that is none."""
+    while (line := file.readline(LONGEST_ROW)).endswith(b"\n") or len(line) == LONGEST_ROW:
+        yield line
 
 
 def _row(path: Path, record_type: type[R], number: int, line: bytes) -> R:
     try:
-        return record_type.model_validate(json.loads(line))
-    except (ValueError, ValidationError):
+        return record_type.model_validate(parse_json(line))
+    except ValueError:
         raise DamagedRows(
             f"{path} line {number} is not a valid row: delete this and all later lines to lose only those"
         ) from None

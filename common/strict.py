@@ -5,10 +5,12 @@ from collections.abc import Mapping, Sequence
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, GetCoreSchemaHandler, ValidationError
+from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
 Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+LARGEST = 2**53 - 1  # of whole numbers, if a field does not say
 
 
 class ConfigError(ValueError):
@@ -16,16 +18,74 @@ class ConfigError(ValueError):
 
 
 class Strict(BaseModel):
-    """A frozen section; an unknown key is an error."""
+    """A frozen section; an unknown key is an error.
 
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, defer_build=True)
+    Numbers are finite, whole ones such that a float can hold them, unless a field says how large they may be. A
+    boolean is no number, and no number is a boolean.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, defer_build=True, allow_inf_nan=False)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        schema: CoreSchema = _guarded(handler(source))
+        return schema
+
+
+def _no_boolean(kind: Any) -> Any:
+    def check(value: Any) -> Any:
+        if isinstance(value, bool):
+            raise PydanticKnownError(kind)
+        return value
+
+    return check
+
+
+def _no_number(value: Any) -> Any:
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        raise PydanticKnownError("bool_type")
+    return value
+
+
+_GUARDS = {"int": _no_boolean("int_type"), "float": _no_boolean("float_type"), "bool": _no_number}
+_DATA = ("default", "metadata", "serialization")  # of a schema, which are no schemas
+
+
+def _guarded(schema: Any) -> Any:
+    """A schema of pydantic's whose numbers and booleans are looked at before pydantic turns one into the other."""
+    if isinstance(schema, list):
+        return [_guarded(part) for part in schema]
+    if not isinstance(schema, dict) or _is_guarded(schema):
+        return schema
+    guard = _GUARDS.get("bool" if _is_choice_of_booleans(schema) else str(schema.get("type")))
+    if guard is None:
+        return {key: part if key in _DATA else _guarded(part) for key, part in schema.items()}
+    if schema["type"] == "int":
+        schema = _bounded(schema)
+    return core_schema.no_info_before_validator_function(guard, schema)
+
+
+def _is_choice_of_booleans(schema: dict[str, Any]) -> bool:
+    return schema.get("type") == "literal" and any(isinstance(choice, bool) for choice in schema["expected"])
+
+
+def _is_guarded(schema: dict[str, Any]) -> bool:
+    """A schema may come by several times: that of a section is a part of that of what it is in."""
+    function = schema.get("function")
+    return isinstance(function, dict) and function.get("function") in _GUARDS.values()
+
+
+def _bounded(schema: dict[str, Any]) -> dict[str, Any]:
+    low = {} if schema.keys() & {"ge", "gt"} else {"ge": -LARGEST}
+    high = {} if schema.keys() & {"le", "lt"} else {"le": LARGEST}
+    return {**schema, **low, **high}
 
 
 def describe(error: ValidationError, model: type[BaseModel]) -> str:
     """The first problem of a validation error of a model as one line: field, value, remedy."""
     problem = error.errors()[0]
     path, last = _followed(model, problem["loc"])
-    field = ".".join(path)
+    field = brief(".".join(path))
     if problem["type"] == "extra_forbidden":
         return f"unknown key {field}{nearest(path[-1], list(last.model_fields) if last else [])}"
     if problem["type"] == "missing":
@@ -33,12 +93,13 @@ def describe(error: ValidationError, model: type[BaseModel]) -> str:
     message = problem["msg"].removeprefix("Value error, ")
     if problem["type"] == "union_tag_invalid":
         context = problem["ctx"]
-        return f"{field}.kind: unknown {context['tag']!r}: known are {context['expected_tags']}"
+        return f"{field}.kind: unknown {shortened(context['tag'])}: known are {context['expected_tags']}"
     if problem["type"] in ("model_type", "model_attributes_type"):
         return f"{field}: input should be a valid dictionary, not {shortened(problem['input'])}"
     if problem["type"] == "value_error":
         return f"{field}: {message}" if field else message
-    return f"{field}: {message[0].lower()}{message[1:]}, not {shortened(problem['input'])}"
+    where = f"{field}: " if field else ""
+    return f"{where}{message[0].lower()}{message[1:]}, not {shortened(problem['input'])}"
 
 
 def shortened(value: Any, most: int = 80) -> str:
@@ -49,6 +110,15 @@ def shortened(value: Any, most: int = 80) -> str:
     """
     text = repr(value)
     return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def brief(name: str, most: int = 80) -> str:
+    """A name as an error line shows it.
+
+    >>> brief("a" * 9, most=8)
+    'aaaaa...'
+    """
+    return name if len(name) <= most else f"{name[: most - 3]}..."
 
 
 def _followed(model: type[BaseModel], location: tuple[int | str, ...]) -> tuple[list[str], type[BaseModel] | None]:

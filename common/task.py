@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from typing import Any, NoReturn
 
 from common.compile_signs import COMPILING, around_compiling
-from common.strict import ConfigError
+from common.strict import ConfigError, brief
 
 FAILED, WRONG_USAGE = 1, 2
 TELL_EVERY_S = 0.1
@@ -80,7 +80,7 @@ def carry_out(work: Callable[[], None], *failures: type[Exception]) -> None:
     except failures as error:
         _end(str(error), FAILED)
     except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""  # a write does not know
+        where = f"{brief(str(error.filename), 200)}: " if error.filename else ""  # a write does not know
         _end(f"{where}{error.strerror}", FAILED)
 
 

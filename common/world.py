@@ -108,5 +108,5 @@ def chosen_levels(names: Collection[Any], own: Any) -> dict[str, Any]:
     known = ours | own
     for name in names:
         if name not in known:
-            raise ConfigError(f"unknown level {name!r}{nearest(str(name), [str(each) for each in known])}")
+            raise ConfigError(f"unknown level {shortened(name)}{nearest(str(name), [str(each) for each in known])}")
     return {name: known[name] for name in names}

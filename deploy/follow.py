@@ -1,6 +1,5 @@
 """Following a run from outside: its status, and its rows in order with nothing left out, from the first or from now."""
 
-import json
 import queue
 import shutil
 import time
@@ -77,14 +76,12 @@ def status_from_files(folder: RunFolder) -> Status:
 
 def outcome_of(folder: RunFolder) -> tuple[RunState, str]:
     """How a run that is not running ended, and why."""
-    try:
-        data = json.loads(folder.outcome_file.read_text())
-        outcome, reason = data["outcome"], data["reason"]
-    except (OSError, ValueError, KeyError, TypeError):
-        if folder.path.exists() and not shutil.disk_usage(folder.path).free:
-            return "stopped", "the disk is full: make room, then railctl up resumes the run"
-        return "stopped", "its supervisor ended without a word: railctl up resumes the run"
-    return outcome, reason
+    outcome = folder.outcome()
+    if outcome is not None:
+        return outcome.outcome, outcome.reason
+    if folder.path.exists() and not shutil.disk_usage(folder.path).free:
+        return "stopped", "the disk is full: make room, then railctl up resumes the run"
+    return "stopped", "its supervisor ended without a word: railctl up resumes the run"
 
 
 def _unsupervised(name: str, pid: int) -> ProcessStatus:

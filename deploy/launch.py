@@ -1,6 +1,5 @@
 """From a checked configuration to a supervised cluster. Every check comes before the first file or process."""
 
-import json
 import os
 import re
 import shutil
@@ -18,7 +17,7 @@ import yaml
 
 from common.checkpoint import CheckpointError
 from common.config import RunConfig
-from common.folder import RunFolder, write_atomically
+from common.folder import Cluster, RunFolder, write_atomically
 from common.interpreter import run_module
 from common.levels.own import LEVELS, ReadLevels
 from common.locks import living
@@ -27,10 +26,10 @@ from common.records.rows import EpisodeRow, EvaluationRow, EventRow, MetricRow
 from common.rows import DamagedRows, each_row
 from common.rules.settings import DEMONSTRATIONS_FILE, START_FILE
 from common.snapshots import check_history, newest_snapshot
-from common.strict import ConfigError
+from common.strict import ConfigError, shortened
 from deploy.demonstrations import copy_demonstrations
 from deploy.plan import ENVIRONMENT
-from deploy.runs import Failed, runs_root, supervised
+from deploy.runs import Failed, runs_root, supervised, without_configuration
 from deploy.start import copy_start
 
 NAME_FORM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]{0,99}")
@@ -66,7 +65,7 @@ def new_run(
     Raises:
         ConfigError, Failed: as `check_new`, or the folder cannot be made.
     """
-    check_new(name, config)
+    check_new(name, config, root)
     path = (root or runs_root()) / name
     temporary = path.with_name(f".{name}.{os.getpid()}")
     try:
@@ -101,16 +100,26 @@ def with_own_copies(config: RunConfig) -> RunConfig:
     return config.model_copy(update={"learning": learning.model_copy(update=own)}) if own else config
 
 
-def check_new(name: str, config: RunConfig) -> None:
-    """See that a run can begin before anything is started or changed.
+def check_new(name: str, config: RunConfig, root: Path | None = None) -> None:
+    """See that a run can begin, beside all other runs or in `root`, before anything is started or changed.
 
     Raises:
-        ConfigError: the name is not one.
+        ConfigError: the name is not one, or taken.
         Failed: this machine cannot run it.
     """
-    if not NAME_FORM.fullmatch(name):
-        raise ConfigError(f"--name {name!r}: use letters, digits, '.', '_', '+' and '-', at most 100")
+    check_name(name)
+    path = (root or runs_root()) / name
+    if (path / "config.yaml").exists():
+        raise ConfigError(f"{path} exists already: give another --name")
+    if path.exists():
+        raise without_configuration(path)
     check_machine(config)
+
+
+def check_name(name: str) -> None:
+    """Raises ConfigError if no run can have this name."""
+    if not NAME_FORM.fullmatch(name):
+        raise ConfigError(f"--name {shortened(name)}: use letters, digits, '.', '_', '+' and '-', at most 100")
 
 
 def check_existing(folder: RunFolder, config: RunConfig) -> None:
@@ -182,7 +191,7 @@ def start_supervisor(
     deadline = time.monotonic() + START_TIMEOUT_S
     while not supervised(folder):
         if child.poll() is not None or time.monotonic() > deadline:
-            lines = log.read_text().splitlines() or ["it left no word"]
+            lines = log.read_text(errors="replace").splitlines() or ["it left no word"]
             raise Failed(f"the supervisor did not start: {lines[-1]}")
         time.sleep(0.05)
     return child.pid
@@ -193,14 +202,11 @@ def write_cluster_file(folder: RunFolder, config: RunConfig, actors: Mapping[str
 
     What lives stays reachable, a run keeps its prefix, and it has as many actors as before unless others are asked for.
     """
-    try:
-        cluster = json.loads(folder.cluster_file.read_text())
-        cluster["namespace"], cluster["actors"]
-    except (OSError, ValueError, KeyError, TypeError):
-        cluster = {"namespace": f"railctl/{uuid.uuid4().hex[:12]}", "actors": dict(config.cluster.actors)}
-    endpoint = str(cluster.get("endpoint", ""))
-    if not is_private(endpoint) and not (endpoint and living(folder)):
-        cluster["endpoint"] = private_endpoint()
-    if actors is not None:
-        cluster["actors"] = dict(actors)
-    write_atomically(folder.cluster_file, json.dumps(cluster, indent=2))
+    before = folder.cluster()
+    there = before.endpoint if living(folder) or is_private(before.endpoint or "") else None
+    cluster = Cluster(
+        endpoint=there or private_endpoint(),
+        namespace=before.namespace or f"railctl/{uuid.uuid4().hex[:12]}",
+        actors=next(counts for counts in (actors, before.actors, config.cluster.actors) if counts is not None),
+    )
+    write_atomically(folder.cluster_file, cluster.model_dump_json(indent=2))

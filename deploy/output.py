@@ -1,5 +1,6 @@
 """How commands speak: text for people, one JSON document for programs, one line for errors."""
 
+import errno
 import json
 import sys
 from collections.abc import Callable
@@ -7,6 +8,7 @@ from functools import wraps
 from typing import Annotated, Any, NoReturn, ParamSpec
 
 import typer
+from pydantic import BaseModel, ValidationError
 from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
@@ -14,7 +16,7 @@ from rich.table import Table
 from common.bus import NoAnswer
 from common.process import NO_ROOM
 from common.rows import DamagedRows
-from common.strict import ConfigError
+from common.strict import ConfigError, brief, describe
 from common.task import FAILED, WRONG_USAGE
 from deploy.runs import Failed
 
@@ -22,6 +24,8 @@ P = ParamSpec("P")
 
 console = Console(highlight=False)
 WIDEST = 1000  # characters
+LONGEST_LINE = 2000  # characters
+NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.ENOENT, errno.EEXIST)
 
 RunName = Annotated[str | None, typer.Argument(metavar="RUN", help="Name or folder of the run; default: the newest.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
@@ -63,19 +67,33 @@ def one_line_errors(command: Callable[P, None]) -> Callable[P, None]:
             _end(str(error), WRONG_USAGE)
         except (Failed, NoAnswer, DamagedRows) as error:
             _end(str(error), FAILED)
-        except PermissionError as error:
-            _end(f"{error.filename}: {error.strerror}: use a folder that you may read and write", FAILED)
+        except ValidationError as error:  # of a request that the options make up
+            _end(describe(error, BaseModel), WRONG_USAGE)
         except BrokenPipeError:
             sys.stderr.close()  # the reader of our output has gone, as in `railctl tail | head`
             sys.exit(0)
         except OSError as error:
-            if error.errno not in NO_ROOM:
-                raise
-            _end(f"{error.strerror}: make room on the disk, then run it again", FAILED)
+            _end(*_of_the_system(error))
 
     return wrapped
 
 
+def _of_the_system(error: OSError) -> tuple[str, int]:
+    """What the system complains of, and whether it is for what it was asked."""
+    where = f"{brief(str(error.filename), 200)}: " if error.filename else ""  # a write does not know
+    if error.errno in NO_ROOM:
+        return f"{error.strerror}: make room on the disk, then run it again", FAILED
+    if isinstance(error, PermissionError):
+        return f"{where}{error.strerror}: use a folder that you may read and write", FAILED
+    if error.errno in NO_NAME:
+        return f"{where}{error.strerror}: give another name or path", WRONG_USAGE
+    return f"{where}{error.strerror or error}: mend it, then run it again", FAILED
+
+
 def _end(text: str, code: int) -> NoReturn:
-    print(f"railctl: {text}", file=sys.stderr)
+    """Say it in one line that can be read, whatever names and values are in it."""
+    line = "".join(sign if sign.isprintable() else ascii(sign)[1:-1] for sign in text)
+    if len(line) > LONGEST_LINE:
+        line = f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
+    print(f"railctl: {line}", file=sys.stderr)
     sys.exit(code)

@@ -12,8 +12,9 @@ from pydantic import BaseModel
 from common.config import MAX_ACTORS, PATHS, RunConfig, home_of, parse_config, upgraded
 from common.levels.distributions import LEVEL_PATTERN, shipped
 from common.mapping_file import read_mapping
-from common.rules import settings_of
-from common.strict import ConfigError, flat, nearest, section_of, shortened
+from common.plain_yaml import DEEPEST, NotPlainYamlError, parse_yaml
+from common.rules import rules, settings_of
+from common.strict import ConfigError, brief, flat, nearest, section_of, shortened
 from common.world import WorldSpec, checked_world, chosen_levels, read_world
 from deploy.demonstrations import demonstrations_digest, with_demonstrations_read
 from deploy.start import checkpoint_digest, with_start_read
@@ -37,7 +38,7 @@ def preset_of(algorithm: str) -> Plain:
         ConfigError: there is none of this name.
     """
     if algorithm not in algorithms():
-        raise ConfigError(f"unknown algorithm {algorithm!r}{nearest(algorithm, algorithms())}")
+        raise ConfigError(f"unknown algorithm {shortened(algorithm)}{nearest(algorithm, algorithms())}")
     preset: Plain = yaml.safe_load((files("deploy.presets") / f"{algorithm}.yaml").read_text())
     return preset
 
@@ -202,7 +203,7 @@ def check_sections(given: Plain, rule: str) -> None:
     """Raises ConfigError if something that has keys of its own was given as something else."""
     for name, value in given.items():
         if not isinstance(name, str):
-            raise ConfigError(f"{name}: keys should be strings, not {name!r}")
+            raise ConfigError(f"{brief(str(name))}: keys should be strings, not {shortened(name)}")
         is_section = name in ("mix", "levels") or _section(name, rule) is not None
         if is_section and not isinstance(value, dict) and not (name in PATHS and value is None):
             raise ConfigError(f"{name}: input should be a valid dictionary, not {shortened(value)}")
@@ -212,27 +213,42 @@ def read_file(path: Path) -> Plain:
     """A run file.
 
     Raises:
-        ConfigError: it cannot be read, or is not a mapping.
+        ConfigError: it cannot be read, is not a mapping, or leaves a section empty, which options might complete.
     """
-    return read_mapping(path, "give an existing YAML file with -f", "algorithm: dddqn")
+    data = read_mapping(path, "give an existing YAML file with -f", "algorithm: dddqn")
+    for name, value in upgraded(data).items():
+        if value is None and _is_section(name):
+            raise ConfigError(f"{path}: {name} is empty: give it keys, or leave it out")
+    return data
+
+
+def _is_section(name: Any) -> bool:
+    """Whether a key has keys of its own, whatever the rule, and not those of a file that may be left out."""
+    return name in ("mix", "levels") or (name not in PATHS and any(_section(name, rule) for rule in rules()))
 
 
 def parse_sets(settings: Sequence[str]) -> Plain:
-    """`a.b=1` as {"a": {"b": 1}}.
+    """`a.b=1` as {"a": {"b": 1}}; of two settings of the same key the later one counts.
 
     Raises:
-        ConfigError: a setting has no `=` or its value is not YAML.
+        ConfigError: a setting has no `=` or no value, or its value is not YAML.
     """
     result: Plain = {}
     for setting in settings:
         key, separator, value = setting.partition("=")
         if not separator or not key:
-            raise ConfigError(f"--set {setting!r} is not key=value: write for example --set dqn.batch_size=64")
+            example = "write for example --set dqn.batch_size=64"
+            raise ConfigError(f"--set {shortened(setting)} is not key=value: {example}")
+        if not value.strip():
+            raise ConfigError(f"--set {shortened(setting)} has no value: give one, or null")
+        parts = key.split(".")
+        if len(parts) > DEEPEST:
+            raise ConfigError(f"--set {shortened(key)}: no key has so many parts")
         try:
-            plain: Any = yaml.safe_load(value)
-        except (yaml.YAMLError, ValueError):
-            raise ConfigError(f"--set {key}: {value!r} is not a YAML value") from None
-        for part in reversed(key.split(".")):
+            plain = parse_yaml(value)
+        except NotPlainYamlError as error:
+            raise ConfigError(f"--set {brief(key)}: {shortened(value)} is not a YAML value: {error}") from None
+        for part in reversed(parts):
             plain = {part: plain}
         result = merge(result, plain)
     return result
@@ -251,13 +267,15 @@ def parse_actors(text: str) -> dict[str, int]:
     for part in text.split(","):
         level, separator, count = part.strip().partition("=")
         if not separator or not level or not (count.isascii() and count.isdigit()):
-            raise ConfigError(f"actors {part!r} is not level=count: write for example easy=2,hard=1")
+            raise ConfigError(f"actors {shortened(part)} is not level=count: write for example easy=2,hard=1")
         if LEVEL_FORM.fullmatch(level) is None:
-            raise ConfigError(f"actors {part!r}: a level's name has letters, digits, '.', '_' and '-', at most 40")
+            raise ConfigError(
+                f"actors {shortened(part)}: a level's name has letters, digits, '.', '_' and '-', at most 40"
+            )
         if level in counts:
-            raise ConfigError(f"actors {part!r}: {level} is there twice, leave one out")
+            raise ConfigError(f"actors {shortened(part)}: {level} is there twice, leave one out")
         if len(count) > 3 or int(count) > MAX_ACTORS:
-            raise ConfigError(f"actors {part!r}: at most {MAX_ACTORS} of a level")
+            raise ConfigError(f"actors {shortened(part)}: at most {MAX_ACTORS} of a level")
         counts[level] = int(count)
     return counts
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from common.bus import Bus, NoAnswer, open_bus
 from common.folder import RunFolder
 from common.locks import holder, living
-from common.strict import ConfigError, nearest
+from common.strict import ConfigError, brief, nearest, shortened
 
 CONNECT_TIMEOUT_S = 2.0
 
@@ -49,14 +49,24 @@ def find_run(name: str | None) -> RunFolder:
         if not known:
             raise ConfigError(f"there are no runs in {runs_root()}: start one with railctl up")
         return next((run for run in reversed(known) if living(run)), known[-1])
-    for candidate in (runs_root() / name, Path(name)):
+    candidates = runs_root() / name, Path(name)
+    for candidate in candidates:
         if _is_run(candidate):
             return RunFolder(candidate)
+    for candidate in candidates:
         if candidate.is_dir() and not os.access(candidate, os.X_OK):
             raise ConfigError(f"{candidate} belongs to {candidate.owner()}, and nobody else may look into it")
+        if (candidate / "episodes.jsonl").exists() or (candidate / "logs").is_dir():
+            raise without_configuration(candidate)
     if not known:
-        raise ConfigError(f"no run named {name!r}: there are no runs in {runs_root()}, start one with railctl up")
-    raise ConfigError(f"no run named {name!r}{nearest(name, [run.path.name for run in known])}")
+        there = f"there are no runs in {runs_root()}, start one with railctl up"
+        raise ConfigError(f"no run named {shortened(name)}: {there}")
+    raise ConfigError(f"no run named {shortened(name)}{nearest(name, [run.path.name for run in known])}")
+
+
+def without_configuration(path: Path) -> ConfigError:
+    """What is wrong with the folder of a run, or of something else, that has no configuration."""
+    return ConfigError(f"{path} is there, without its config.yaml: restore that, or give another name")
 
 
 def find_checkpoint(name: str) -> Path:
@@ -69,11 +79,11 @@ def find_checkpoint(name: str) -> Path:
     if Path(name).is_file():
         return Path(name)
     if name.endswith(".safetensors"):
-        raise ConfigError(f"{name}: no such file: the checkpoints of a run lie in its folder checkpoints")
+        raise ConfigError(f"{brief(name)}: no such file: the checkpoints of a run lie in its folder checkpoints")
     try:
         run = find_run(name)
     except ConfigError as error:
-        raise ConfigError(f"no file {name}, and {error}") from None
+        raise ConfigError(f"no file {brief(name)}, and {error}") from None
     numbered = [
         path for path in run.checkpoints.glob("*.safetensors") if path.stem.isdecimal()
     ]  # a user may keep others

@@ -4,7 +4,6 @@ Processes outlive their supervisor: a new one adopts those that hold their locks
 """
 
 import argparse
-import json
 import logging
 import os
 import signal
@@ -14,7 +13,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from common.bus import Bus, NoAnswer, Question, open_bus
-from common.folder import RunFolder, write_atomically
+from common.folder import Cluster, Outcome, RunFolder, write_atomically
 from common.inbox import Inbox
 from common.locks import holder, living, sole
 from common.private import remove_endpoint
@@ -59,11 +58,11 @@ class Runner:
     def __init__(self, folder: RunFolder) -> None:
         self._folder = folder
         self._config = folder.config()
-        self._cluster = json.loads(folder.cluster_file.read_text())
-        self.endpoint: str = self._cluster["endpoint"]
+        self.endpoint, self._namespace = folder.endpoint_and_namespace()
+        self._counts = dict(folder.cluster().actors or {})
         limits = self._config.cluster
         self._mind = Supervisor(
-            cluster(self._cluster["actors"]),
+            cluster(self._counts),
             Limits(limits.hang_timeout_s, limits.max_restarts, limits.restart_window_s),
         )
         self._children: dict[str, subprocess.Popen[bytes]] = {}
@@ -116,9 +115,7 @@ class Runner:
         if self._bus is not None or "router" not in self._pids:
             return
         try:
-            bus = stack.enter_context(
-                open_bus(self.endpoint, self._cluster["namespace"], CONNECT_STRETCH_S, self._inbox)
-            )
+            bus = stack.enter_context(open_bus(self.endpoint, self._namespace, CONNECT_STRETCH_S, self._inbox))
         except NoAnswer:
             return
         bus.subscribe(keys.HEARTBEATS, self._on_beat)
@@ -167,10 +164,10 @@ class Runner:
             text = f"this run has no level {wrong[0]}: it has {', '.join(self._config.mix)}"
             question.answer(CommandAnswer(done=False, text=text))
             return
-        self._cluster["actors"] |= question.request.actors
-        write_atomically(self._folder.cluster_file, json.dumps(self._cluster, indent=2))
-        self._handle(Wanted(tuple(actors(self._cluster["actors"]))))
-        counts = self._cluster["actors"]
+        counts = self._counts = self._counts | question.request.actors
+        kept = Cluster(endpoint=self.endpoint, namespace=self._namespace, actors=counts)
+        write_atomically(self._folder.cluster_file, kept.model_dump_json(indent=2))
+        self._handle(Wanted(tuple(actors(counts))))
         text = "actors are now " + " ".join(f"{name}={count}" for name, count in counts.items())
         unserved = [level for level in self._config.mix if not (counts.get(level) or counts.get("any"))]
         if unserved and any(counts.values()):  # with none at all the learner acts
@@ -257,8 +254,8 @@ def main() -> None:
         end = runner.run(stopping)
         remove_endpoint(runner.endpoint)
         log.info("run %s: %s", end.outcome, end.reason)
-        outcome = {"outcome": end.outcome, "reason": end.reason}
-        write_atomically(folder.outcome_file, json.dumps(outcome))
+        outcome = Outcome(outcome=end.outcome, reason=end.reason)
+        write_atomically(folder.outcome_file, outcome.model_dump_json())
         try:
             if next(each_row(folder.episodes_file, EpisodeRow), None):
                 log.info("drew %s", runner.draw())

@@ -1,11 +1,14 @@
 """Groups of verbs, each imported when it is given: a help page or a quick verb does not wait for what others need."""
 
 import importlib
+import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import typer
 from typer.core import TyperGroup
+
+NOTHING_GIVEN = re.compile(r"--[^=]*=")  # an option without its value
 
 
 class Verb(NamedTuple):
@@ -19,6 +22,16 @@ class Verbs(TyperGroup):
     """A group whose `commands` know only their names and lines, until one of them is given."""
 
     verbs: Mapping[str, Verb]
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Take the words of a command line, none of which is empty, and all of which are text."""
+        for place, word in enumerate(args):
+            if not word or NOTHING_GIVEN.fullmatch(word):
+                before = word[:-1] or (args[place - 1] if place else "railctl")
+                raise typer.BadParameter(f"{before:.80}: what follows is empty, give it a value", ctx=ctx)
+            if not _is_text(word):
+                raise typer.BadParameter(f"{word!a:.80} is not text in UTF-8: rename it", ctx=ctx)
+        return super().parse_args(ctx, args)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
         """The command that is given, in full."""
@@ -51,6 +64,15 @@ def group(text: str, verbs: Mapping[str, Verb]) -> typer.Typer:
 
 def _app(**settings: Any) -> typer.Typer:
     return typer.Typer(add_completion=False, pretty_exceptions_enable=False, **settings)
+
+
+def _is_text(word: str) -> bool:
+    """The system passes bytes that are no text on as lone surrogates."""
+    try:
+        word.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _only_named() -> None:

@@ -4,7 +4,6 @@ JSON, compressed by xz: the study, every run with its resolved configuration, wh
 was trained, its curve and its final score, and the scores of the reference policies.
 """
 
-import json
 import lzma
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -14,9 +13,12 @@ from pydantic import Field, ValidationError
 
 from analysis.report.results import Results, Scored, State, Trained
 from analysis.study import PlannedRun, Study
+from common.bounded import parse_json, read_bounded
 from common.config import parse_config
 from common.folder import write_atomically
 from common.strict import ConfigError, Strict, describe
+
+MOST_PACKED_BYTES, MOST_BYTES = 64_000_000, 1_000_000_000
 
 
 class Archived(NamedTuple):
@@ -92,18 +94,32 @@ def load(path: Path) -> Archived:
         ConfigError: the file cannot be read, or holds something else.
     """
     try:
-        archive = _Archive.model_validate(json.loads(lzma.decompress(path.read_bytes())))
+        archive = _Archive.model_validate(parse_json(_unpacked_bytes(read_bounded(path, MOST_PACKED_BYTES))))
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}: give a file that railctl study publish wrote") from None
     except ValidationError as error:
         raise ConfigError(f"{path}: {describe(error, _Archive)}") from None
-    except (lzma.LZMAError, ValueError, RecursionError):
+    except (lzma.LZMAError, EOFError, ValueError):
         raise ConfigError(f"{path}: damaged, or no results: give a file that railctl study publish wrote") from None
     return Archived(
         archive.study,
         {packed.run: _unpacked(packed) for packed in archive.runs},
         {(reference.policy, reference.level): reference.scored for reference in archive.references},
     )
+
+
+def _unpacked_bytes(packed: bytes) -> bytes:
+    """What was packed, in memory of the order of what it may be: a small file may announce any size.
+
+    Raises:
+        LZMAError: this was not packed.
+        ValueError: it is larger, or not whole.
+    """
+    unpacking = lzma.LZMADecompressor(memlimit=MOST_BYTES)
+    content = unpacking.decompress(packed, max_length=MOST_BYTES)
+    if not unpacking.eof:
+        raise ValueError("too large, or not whole")
+    return content
 
 
 def _packed(run: PlannedRun, trained: Trained) -> _Run:

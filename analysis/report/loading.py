@@ -14,6 +14,7 @@ from analysis.report.archive import Archived
 from analysis.report.results import Results, Scored, State, Trained
 from analysis.study import Judgement, PlannedRun, Study, StudyFolder, planned_runs, read_study
 from common import checkpoint
+from common.bounded import parse_json, read_json
 from common.checkpoint import CheckpointError
 from common.config import RunConfig
 from common.folder import RunFolder
@@ -118,9 +119,9 @@ def _scored(path: Path, level: str) -> Scored | None:
     if not path.exists():
         return None
     try:
-        rows = _Evaluation.model_validate_json(path.read_text()).rows
+        rows = _Evaluation.model_validate(read_json(path)).rows
         row = next(row for row in rows if row.level == level)
-    except (ValueError, StopIteration):
+    except (OSError, ValueError, StopIteration):
         raise DamagedEvaluation(f"{path} holds no score on {level}: delete it and run the study again") from None
     return Scored(row.levels, row.mean, row.arrived_share, row.all_arrived_share, row.returns)
 
@@ -240,12 +241,8 @@ def _read_run(path: Path, episodes: int | None) -> tuple[RunConfig, Trained, dic
 def _state(folder: RunFolder, *, done: bool) -> tuple[State, str]:
     if done:
         return "done", ""
-    try:
-        outcome = json.loads(folder.outcome_file.read_text())
-        failed, reason = outcome["outcome"] == "failed", str(outcome["reason"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return "unfinished", ""
-    return ("failed", reason) if failed else ("unfinished", "")
+    outcome = folder.outcome()
+    return ("failed", outcome.reason) if outcome is not None and outcome.outcome == "failed" else ("unfinished", "")
 
 
 def _last(rows: Sequence[EvaluationRow]) -> Scored | None:
@@ -260,7 +257,7 @@ def _arithmetic(folder: RunFolder) -> tuple[tuple[str, str], ...]:
     paths = sorted(path for path in folder.checkpoints.glob("*.safetensors") if path.stem.isdecimal())
     try:
         _tensors, metadata = checkpoint.load(paths[-1], "checkpoint")
-        found = json.loads(metadata["arithmetic"])
+        found = parse_json(metadata["arithmetic"])
         return tuple((str(key), str(value)) for key, value in sorted(found.items()))
     except (IndexError, CheckpointError, KeyError, ValueError, AttributeError):
         return ()

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from common.bounded import parse_json
 from common.levels.distributions import Generated, shipped
 from common.levels.level import Level, Malfunctions, Schedule
 from common.levels.whole import write_whole
@@ -188,7 +189,7 @@ class Chunk:
 def _header(path: Path) -> dict[str, Any]:
     try:
         with path.open("rb") as file:
-            header = json.loads(file.read(HEADER_BYTES))
+            header = parse_json(file.read(HEADER_BYTES))
     except (OSError, ValueError):
         raise _damaged(path, "cannot be read") from None
     if not isinstance(header, dict):

@@ -137,14 +137,17 @@ class LevelFiles(Strict):
         return self.found
 
 
+Count = Annotated[int, Field(ge=1, le=10_000_000)]
+
+
 class FoundLevels(Strict):
     """What the files of a distribution hold."""
 
     digest: Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]  # of all levels, and of which are kept from training
-    size: tuple[int, int]  # of the largest
-    trains: int  # the most
-    training: int  # levels
-    evaluation: int  # levels
+    size: tuple[Count, Count]  # of the largest
+    trains: Count  # the most
+    training: Count  # levels
+    evaluation: Count  # levels
 
 
 def _kind(data: Any) -> str:

@@ -11,6 +11,7 @@ most steps). Names and meanings are those of `common.levels.level.Schedule`.
 """
 
 import io
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from fractions import Fraction
@@ -23,7 +24,8 @@ import numpy as np
 from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
-from common.levels.level import Level, Malfunctions, Schedule
+from common.bounded import open_at_once
+from common.levels.level import MOST_STEPS, Level, Malfunctions, Schedule
 from common.levels.speeds import LARGEST_UNIT
 from common.levels.whole import write_whole
 
@@ -36,10 +38,13 @@ COLUMNS = {  # of a schedule
     "target_headings": "_levels_target_headings",
 }
 LARGEST_SIDE = 4096
-MOST_STEPS = 100_000_000
+LATEST = 100_000_000  # step that a timetable or a malfunction may name
+MOST_TRAIN_STEPS = 100_000_000  # of all trains of a level together: what is noted of them has to fit in memory
 MOST_TRAINS = 10_000
 MOST_LEVELS = 500_000  # of a group
 MOST_ARRAY_BYTES = 1 << 30  # unpacked: a small file may announce any size
+MOST_FILE_BYTES = 1 << 32  # packed, and of all its arrays unpacked
+ARCHIVE, LONE_ARRAY = b"PK", b"\x93NUMPY"  # begin an archive of numpy's, and a file with one array
 
 Groups = dict[str, list[Level]]
 
@@ -95,17 +100,35 @@ def opened(path: Path) -> Iterator[StoredArrays]:
         LevelFileError: it is none.
     """
     with ExitStack() as stack:
-        try:
-            file = np.load(stack.enter_context(path.open("rb")), allow_pickle=False)
-        except FileNotFoundError:
-            raise LevelFileError(f"{path}: no such file") from None
-        except Exception:  # noqa: BLE001  (as above)
-            raise LevelFileError(f"{path} is no readable .npz file of arrays: save it again with numpy") from None
-        if not isinstance(file, NpzFile):
-            raise LevelFileError(f"{path} is no readable .npz file of arrays: it holds a single array")
+        file = _archive(path, stack)
         if not all(name.isprintable() for name in file.files):
             raise LevelFileError(f"{path} has arrays whose names cannot be printed: save it again")
         yield StoredArrays(path, stack.enter_context(file))
+
+
+def _archive(path: Path, stack: ExitStack) -> NpzFile:
+    """The file as numpy opens it; what is no archive, or too large for one, is not read."""
+    try:
+        content = stack.enter_context(open_at_once(path))
+        begin, size = content.read(len(LONE_ARRAY)), content.seek(0, os.SEEK_END)
+        content.seek(0)
+    except FileNotFoundError:
+        raise LevelFileError(f"{path}: no such file") from None
+    except OSError:
+        size, begin = 0, b""
+    if begin == LONE_ARRAY:
+        raise LevelFileError(f"{path} is no readable .npz file of arrays: it holds a single array")
+    if size > MOST_FILE_BYTES:
+        raise LevelFileError(f"{path} has over {MOST_FILE_BYTES} bytes: split it")
+    try:
+        file = np.load(content, allow_pickle=False) if begin.startswith(ARCHIVE) else None
+    except Exception:  # noqa: BLE001  (numpy passes on whatever its parsers raise)
+        file = None
+    if not isinstance(file, NpzFile):
+        raise LevelFileError(f"{path} is no readable .npz file of arrays: save it again with numpy")
+    if file.zip is not None and sum(entry.file_size for entry in file.zip.infolist()) > MOST_FILE_BYTES:
+        raise LevelFileError(f"{path}: its arrays have over {MOST_FILE_BYTES} bytes: split it")
+    return file
 
 
 def save(path: Path, groups: Mapping[str, Sequence[Level]]) -> None:
@@ -230,7 +253,10 @@ def problem_with(level: Level) -> str | None:
     if level.n_trains > MOST_TRAINS:
         return f"{level.n_trains} trains: {MOST_TRAINS} are the most"
     if not 1 <= level.max_steps <= MOST_STEPS:
-        return f"a step limit of {level.max_steps}"
+        return f"a step limit of {level.max_steps}: 1 to {MOST_STEPS} are possible"
+    if level.max_steps * level.n_trains > MOST_TRAIN_STEPS:
+        most = f"{MOST_TRAIN_STEPS} steps of all trains together are the most"
+        return f"a step limit of {level.max_steps} for {level.n_trains} trains: {most}"
     problems = (_problem_with_train(level, train) for train in range(level.n_trains))
     problem = next((problem for problem in problems if problem is not None), None)
     return problem or (None if level.schedule is None else _problem_with_schedule(level.schedule))
@@ -254,7 +280,7 @@ def _problem_with_train(level: Level, train: int) -> str | None:
 def _problem_with_schedule(schedule: Schedule) -> str | None:
     malfunctions = schedule.malfunctions
     if malfunctions is not None and not (
-        0 < malfunctions.rate <= 1 and 0 <= malfunctions.min_steps <= malfunctions.max_steps <= MOST_STEPS
+        0 < malfunctions.rate <= 1 and 0 <= malfunctions.min_steps <= malfunctions.max_steps <= LATEST
     ):
         return (
             f"malfunctions of rate {malfunctions.rate:g} for {malfunctions.min_steps} to {malfunctions.max_steps} steps"

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from common.bounded import parse_json, read_bounded
 from common.levels.bank import LevelBank
 from common.levels.chunks import KINDS, key_of
 from common.levels.distributions import AnyLevels, Generated, LevelFiles, shipped
@@ -31,6 +32,7 @@ TRIES = 512  # one in five fails where there are many maps, nine in ten on the s
 FILE = Path(__file__).with_suffix(".bin")  # sorted 64-bit hashes, little-endian
 Source = Callable[[Generated, int], Level]  # (distribution, seed) -> what the generator makes of it
 
+MOST_BYTES = 1_000_000
 NAME = "held-out.hashes"  # of such a file in a bank: a header line, then the hashes
 
 
@@ -114,8 +116,8 @@ def write_hashes(root: Path, levels: Generated, hashes: Iterable[int]) -> None:
 def read_hashes(root: Path, levels: Generated) -> frozenset[int] | None:
     """The hashes that a bank keeps; None: it has none, or none that are whole and of this generator."""
     try:
-        header, _, content = (root / key_of(levels) / NAME).read_bytes().partition(b"\n")
-        if json.loads(header) != _header(levels, content):
+        header, _, content = read_bounded(root / key_of(levels) / NAME, MOST_BYTES).partition(b"\n")
+        if parse_json(header) != _header(levels, content):
             return None
     except (OSError, ValueError):
         return None

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 U2, I4 = np.dtype("<u2"), np.dtype("<i4")  # as all machines hash them
 
 
+MOST_STEPS = 100_000  # of an episode
+
+
 class InfeasibleLevelError(RuntimeError):
     """The generator's draws gave a train no way to its target."""
 

@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import NamedTuple
 
+from common.bounded import open_at_once
 from common.levels import files
-from common.levels.files import Groups
+from common.levels.files import ARCHIVE, Groups
 from common.levels.flatland.reading import read_level
 from common.levels.level import Level
 
-ARCHIVE = b"PK"  # begins a .npz file, whatever it is called
 DOCUMENTS = {*range(0x80, 0x90), 0xDE, 0xDF}  # begin a pickle, and a dictionary in msgpack
 
 
@@ -45,7 +45,7 @@ def shape_name(level: Level) -> str:
 
 def _beginning(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
+        with open_at_once(path) as file:
             return file.read(len(ARCHIVE))
     except OSError:
         return b""

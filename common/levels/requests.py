@@ -8,6 +8,9 @@ from pydantic import Field, TypeAdapter
 from common.levels.distributions import AnyLevels, LevelName
 from common.strict import Strict
 
+MOST_PROCESSES = 1024
+MOST_LEVELS = 500_000  # of a file
+
 Distributions = dict[LevelName, AnyLevels]
 
 
@@ -27,11 +30,11 @@ class BuildRequest(Strict):
     task: Literal["build"] = "build"
     bank: Path
     levels: Distributions
-    first_seed: int = Field(ge=0)
-    last_seed: int = Field(ge=0)
+    first_seed: int = Field(ge=0, lt=2**31)
+    last_seed: int = Field(ge=0, lt=2**31)
     episodes: int = Field(ge=0)
     evaluation: int | None = Field(default=None, ge=0)
-    processes: int = Field(ge=1)
+    processes: int = Field(ge=1, le=MOST_PROCESSES)
 
 
 class PrepareRequest(Strict):
@@ -83,7 +86,7 @@ class ShowRequest(Strict):
     group: str | None = None
     index: int = Field(default=0, ge=0)
     drawn: Drawn | None = None
-    seed: int = Field(default=0, ge=0)
+    seed: int = Field(default=0, ge=0, lt=2**32)
     evaluation: int | None = Field(default=None, ge=0)
     output: Path
 
@@ -111,8 +114,8 @@ class ExportRequest(Strict):
     task: Literal["export"] = "export"
     file: Path | None = None
     drawn: Drawn | None = None
-    count: int | None = Field(default=None, ge=1)
-    seed: int | None = Field(default=None, ge=0)
+    count: int | None = Field(default=None, ge=1, le=MOST_LEVELS)
+    seed: int | None = Field(default=None, ge=0, lt=2**31)
     output: Path
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from common.levels.level import MOST_STEPS
 from common.records.base import Array, Digest, Record
 
 NONE = -1  # not arrived; no advice
@@ -87,8 +88,8 @@ class Course(Record):
     """
 
     level_hash: Digest
-    max_steps: Annotated[int, Field(ge=1, le=100_000)]
-    first_step: Annotated[int, Field(ge=0, le=100_000)]
+    max_steps: Annotated[int, Field(ge=1, le=MOST_STEPS)]
+    first_step: Annotated[int, Field(ge=0, le=MOST_STEPS)]
     over: bool
     decisions: Decisions
     rewards: Annotated[NDArray[np.float32], Array("float32", ("T", "N"))]

@@ -9,7 +9,7 @@ from functools import cache
 from typing import cast
 
 from common.rules.settings import RuleSettings
-from common.strict import ConfigError, nearest
+from common.strict import ConfigError, nearest, shortened
 
 _SHARED = ("settings", "replay", "values", "policies")  # what several rules are made of
 
@@ -28,5 +28,5 @@ def settings_of(rule: str) -> type[RuleSettings]:
         ConfigError: there is no such rule.
     """
     if rule not in rules():
-        raise ConfigError(f"unknown rule {rule!r}{nearest(str(rule), list(rules()))}")
+        raise ConfigError(f"unknown rule {shortened(rule)}{nearest(str(rule), list(rules()))}")
     return cast("type[RuleSettings]", importlib.import_module(f"common.rules.{rule}").Settings)

@@ -65,7 +65,8 @@ class ValueSettings(RuleSettings):
     dqn: DqnConfig
     replay: AnyReplay
     exploration: ExplorationConfig = ExplorationConfig()
-    fragment_steps: int | None = Field(default=None, ge=1)  # acted with the same weights; None: whole episodes
+    # Acted with the same weights; None: whole episodes:
+    fragment_steps: int | None = Field(default=None, ge=1, le=100_000)
 
     @model_validator(mode="after")
     def _batches_fit_in_replay(self) -> Self:

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from common.interpreter import run_worker
-from common.strict import ConfigError, nearest
+from common.strict import ConfigError, nearest, shortened
 from deploy.output import AsJson, one_line_errors
 from deploy.plan import ENVIRONMENT
 from deploy.runs import Failed
@@ -68,7 +68,7 @@ def bench(
     loop over flatland-rl and torch.
     """
     if what not in BENCHES:
-        raise ConfigError(f"unknown benchmark {what!r}{nearest(what, list(BENCHES))}")
+        raise ConfigError(f"unknown benchmark {shortened(what)}{nearest(what, list(BENCHES))}")
     options = {
         "repeats": repeats,
         "worlds": worlds,

@@ -8,18 +8,19 @@ from typing import Annotated
 import typer
 
 from common.folder import RunFolder
-from common.strict import ConfigError, nearest
+from common.strict import ConfigError, nearest, shortened
 from deploy.output import AsJson, RunName, one_line_errors, say
 from deploy.runs import find_run
 
 LOOK_S = 0.3
+MOST_LINES = 1_000_000
 
 
 @one_line_errors
 def logs(
     run: RunName = None,
     process: Annotated[str | None, typer.Argument(metavar="PROCESS", help="One process; default: all.")] = None,
-    lines: Annotated[int, typer.Option("--lines", "-n", min=0, help="Last lines of each log.")] = 20,
+    lines: Annotated[int, typer.Option("--lines", "-n", min=0, max=MOST_LINES, help="Last lines of each log.")] = 20,
     follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on as lines come; Ctrl-C ends.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -45,7 +46,7 @@ def _files(folder: RunFolder, process: str | None) -> dict[str, Path]:
     if process is None:
         return found
     if process not in found:
-        raise ConfigError(f"run {folder.path.name} has no process {process!r}{nearest(process, list(found))}")
+        raise ConfigError(f"run {folder.path.name} has no process {shortened(process)}{nearest(process, list(found))}")
     return {process: found[process]}
 
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from common.strict import ConfigError, nearest
+from common.strict import ConfigError, nearest, shortened
 from deploy.judged import TITLES, judged_parts
 from deploy.output import AsJson, console, one_line_errors, say
 from deploy.runs import find_run
@@ -75,7 +75,7 @@ def report_curves(curves: Path, random_protocol: str, switches: list[str], *, as
     if not curves.is_file():
         raise ConfigError(f"--curves {curves}: no such file")
     if random_protocol not in PROTOCOLS:
-        raise ConfigError(f"--random-protocol {random_protocol!r}{nearest(random_protocol, PROTOCOLS)}")
+        raise ConfigError(f"--random-protocol {shortened(random_protocol)}{nearest(random_protocol, PROTOCOLS)}")
     document = run_task(
         JUDGE,
         str(curves),

@@ -13,7 +13,7 @@ from common.records.rows import EpisodeRow, EvaluationRow
 from common.rows import read_rows
 from deploy.commands.scale import scale_to
 from deploy.follow import outcome_of
-from deploy.launch import check_existing, check_new, fresh_name, new_run, save_config, start_supervisor
+from deploy.launch import check_existing, check_name, check_new, fresh_name, new_run, save_config, start_supervisor
 from deploy.levels import prepare_levels, read_own
 from deploy.output import console, counted, one_line_errors, print_table
 from deploy.resolve import algorithms, merge, parse_actors, parse_sets, read_file, resolve, resolve_existing
@@ -88,6 +88,8 @@ def without_none(options: dict[str, Any]) -> dict[str, Any]:
 
 def prepare(name: str | None, given: dict[str, Any], base: Path = Path()) -> tuple[RunFolder, RunConfig]:
     """The folder and configuration of a new run, or of the one that has this name."""
+    for part in [] if name is None else name.split("/"):  # a study's runs lie in its folder
+        check_name(part)
     if name is None or not (runs_root() / name / "config.yaml").exists():
         config = resolve(given, base)
         name = name or fresh_name(config)

@@ -9,10 +9,11 @@ from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 from rich.console import Console
 
 from analysis.study import PlannedRun, StudyFolder
+from common.bounded import read_json
 from common.config import RunConfig
 from common.folder import write_atomically
 from common.levels.bank import bank_root
@@ -54,8 +55,8 @@ KEPT = TypeAdapter(dict[str, Figures])
 def kept(folder: StudyFolder) -> dict[str, Figures]:
     """What has been measured, by the name of the run that it was measured with."""
     try:
-        return KEPT.validate_json(folder.calibration.read_bytes())
-    except (OSError, ValidationError):
+        return KEPT.validate_python(read_json(folder.calibration))
+    except (OSError, ValueError):
         return {}  # it is measured anew
 
 

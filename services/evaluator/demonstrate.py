@@ -136,8 +136,7 @@ def _check_world(policy: str, config: RunConfig) -> None:
 
 
 def main() -> None:
-    request = asked(DemonstrationRequest)
-    carry_out(lambda: demonstrate(request), CheckpointError, BankError, UnplayableLevelError)
+    carry_out(lambda: demonstrate(asked(DemonstrationRequest)), CheckpointError, BankError, UnplayableLevelError)
 
 
 if __name__ == "__main__":

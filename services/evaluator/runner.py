@@ -84,8 +84,12 @@ def evaluate(policy: Policy, levels: Iterable[Level], on_level: Callable[[int], 
     for index, level in enumerate(levels):
         try:
             course = policy(index, level)
-        except (ValueError, MemoryError) as error:
+        except ValueError as error:
             raise UnplayableLevelError(f"level {index}: {error}") from error
+        except MemoryError:
+            rows, columns = level.grid.shape
+            size = f"{rows}x{columns} cells, {level.n_trains} trains and {level.max_steps} steps"
+            raise UnplayableLevelError(f"level {index}: {size} take more memory than there is") from None
         arrived = course.arrived_at >= 0
         courses.append((course.normalised_return, arrived.mean(), arrived.all(), course.last_step, course.score))
         on_level(index + 1)

@@ -21,7 +21,7 @@ from common.policy.checkpoints import SavedPolicy, load_policy
 from common.policy.compiled import Twin
 from common.policy.player import player
 from common.requests import EPISODES, LevelChoice, ScoreRequest, asked
-from common.strict import ConfigError, nearest
+from common.strict import ConfigError, nearest, shortened
 from common.task import Teller, carry_out, say
 from services.evaluator.runner import Policy, Score, UnplayableLevelError, evaluate, greedy, sampled
 
@@ -133,7 +133,7 @@ def levels_to_play(choice: LevelChoice, name: str, known: Mapping[str, AnyLevels
         ConfigError: there is no such distribution, or training may have seen some of so many levels.
     """
     if name not in known:
-        raise ConfigError(f"--level {name!r}{nearest(name, list(known))}")
+        raise ConfigError(f"--level {shortened(name)}{nearest(name, list(known))}")
     levels, wanted = known[name], choice.episodes
     if isinstance(levels, LevelFiles) and choice.seed:
         raise ConfigError(f"--seed {choice.seed}: {name} comes out of files, which have no other levels: leave it out")
@@ -160,7 +160,7 @@ def recorded(path: Path, names: Sequence[str] | None, rules: set[Rules]) -> Iter
     groups = read(path).groups
     for name in names or groups:
         if name not in groups:
-            raise ConfigError(f"{path} has no group {name!r}{nearest(name, list(groups))}")
+            raise ConfigError(f"{path} has no group {shortened(name)}{nearest(name, list(groups))}")
         levels = groups[name]
         if not levels:
             raise ConfigError(f"{path}: group {name!r} holds no levels: choose another with --level")
@@ -206,8 +206,7 @@ def summary(score: Score) -> dict[str, Any]:
 
 
 def main() -> None:
-    request = asked(ScoreRequest)
-    carry_out(lambda: score(request), CheckpointError, LevelFileError, BankError, UnplayableLevelError)
+    carry_out(lambda: score(asked(ScoreRequest)), CheckpointError, LevelFileError, BankError, UnplayableLevelError)
 
 
 if __name__ == "__main__":

@@ -103,6 +103,7 @@ class Clusters:
         self.tell_learner(name, "resume")
 
     def kill(self, name: str, process: str, number: signal.Signals = signal.SIGKILL) -> None:
+        self.wait(lambda: process in living(self.folder(name)))  # or it has not come back from the kill before
         os.kill(living(self.folder(name))[process], number)
 
     def curve(self, name: str) -> list[dict]:

@@ -6,13 +6,13 @@ that comes from, `fragments` an episode, `level_s`, and `checkpoint_bytes`. Epis
 arrive: the rest of a run is taken to go on as the last third of what was trained.
 """
 
-import json
 import sys
 import time
 from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 
+from common.bounded import read_json
 from common.config import RunConfig, parse_config
 from common.levels.supply import LevelSupply
 from common.policy.flat import Arrays
@@ -79,7 +79,7 @@ def level_seconds(config: RunConfig, supply: LevelSupply, weights: Arrays) -> fl
 
 
 def main() -> None:
-    asked = json.loads(Path(sys.argv[1]).read_text())
+    asked = read_json(Path(sys.argv[1]))
     teller, found = Teller("measured"), {}
     for number, (name, data) in enumerate(asked["runs"].items(), start=1):
         found[name] = rates(parse_config(data), Path(asked["bank"]))

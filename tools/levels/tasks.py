@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from common.bounded import read_json
 from common.levels import files
 from common.levels.bank import LevelBank
 from common.levels.build import Progress, build, build_training
@@ -218,10 +219,23 @@ TASKS: dict[type, Callable[[Any], None]] = {
 }
 
 
+def work() -> None:
+    """Do what the request says.
+
+    Raises:
+        ConfigError: it is none.
+        OSError: it cannot be read.
+    """
+    path = Path(*sys.argv[1:2])
+    try:
+        request = REQUESTS.validate_python(read_json(path))
+    except ValueError:
+        raise ConfigError(f"{path}: no request: these files are for the command line") from None
+    TASKS[type(request)](request)
+
+
 def main() -> None:
-    """Do what the request says."""
-    request = REQUESTS.validate_json(Path(sys.argv[1]).read_text())
-    carry_out(lambda: TASKS[type(request)](request), BankError, LevelFileError, InfeasibleLevelError, AllHeldOutError)
+    carry_out(work, BankError, LevelFileError, InfeasibleLevelError, AllHeldOutError)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from common.levels.files import MOST_STEPS, LevelFileError
+from common.levels.files import LATEST, LevelFileError
 from common.levels.flatland.inert import NotPlainError, Stub, number, sequence, whole
 from common.levels.level import Malfunctions
 
@@ -65,8 +65,8 @@ def _parameters(values: Any) -> tuple[Malfunctions | None, list[str]]:
     rate = float(number(values[0]))
     if rate <= 0:
         return None, []
-    shortest, longest = (whole(value, 0, MOST_STEPS) for value in values[1:])
-    if shortest > longest or not rate < MOST_STEPS:
+    shortest, longest = (whole(value, 0, LATEST) for value in values[1:])
+    if shortest > longest or not rate < LATEST:
         raise LevelFileError(f"has malfunctions of rate {rate:g} for {shortest} to {longest} steps: give them a range")
     if rate <= 1:
         return Malfunctions(rate, shortest, longest), []

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.levels.files import LARGEST_SIDE, MOST_STEPS, MOST_TRAINS, LevelFileError, problem_with
+from common.bounded import read_bounded
+from common.levels.files import LARGEST_SIDE, LATEST, MOST_TRAINS, LevelFileError, problem_with
 from common.levels.flatland.effects import malfunctions
 from common.levels.flatland.inert import MOST_BYTES, NotPlainError, sequence, table, unpacked, unpickled, whole
 from common.levels.flatland.trains import Train, static_train, train_of
@@ -44,9 +45,7 @@ def read_level(path: Path) -> ReadLevel:
         LevelFileError: it cannot be read, or holds what a level cannot.
     """
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise LevelFileError(f"{path} is larger than any level: {MOST_BYTES // 1_000_000} MB are the most")
-        data = path.read_bytes()
+        data = read_bounded(path, MOST_BYTES)
     except FileNotFoundError:
         raise LevelFileError(f"{path}: no such file") from None
     except OSError as error:
@@ -75,7 +74,7 @@ def _level(content: dict[str, Any]) -> ReadLevel:
     else:
         trains = [train_of(train) for train in sequence(content["agents"], MOST_TRAINS)]
     limit = content.get("max_episode_steps")
-    given = 0 if limit is None else whole(limit, 0, MOST_STEPS)
+    given = 0 if limit is None else whole(limit, 0, LATEST)
     steps = given or int(8 * (sum(grid.shape) + len(trains) / NO_CITIES))
     level = Level(
         grid=grid,

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from common.levels.files import LARGEST_SIDE, MOST_STEPS, LevelFileError
+from common.levels.files import LARGEST_SIDE, LATEST, LevelFileError
 from common.levels.flatland.inert import NotPlainError, Stub, number, sequence, whole
 from common.levels.speeds import speed_fraction
 
@@ -98,7 +98,7 @@ def train_of(train: Any) -> Train:
         target,
         headings,
         speed=_speed(next((field for field in fields[7:] if _is(field, "SpeedCounter") or _is_speed(field)), None)),
-        departure=0 if departure is None else whole(departure, 0, MOST_STEPS),
+        departure=0 if departure is None else whole(departure, 0, LATEST),
         arrival=None if arrival is None else min(whole(arrival, 0), NEVER),
         is_on_its_way=fields[11 if isinstance(fields[7], dict) else 8] is not None or _has_left(fields),
         is_broken=_entry([handler and handler.state], "_malfunction_down_counter") > 0,

@@ -9,13 +9,14 @@ import typer
 from common.levels.bank import bank_root
 from common.levels.distributions import LevelFiles
 from common.levels.requests import BuildRequest
-from common.strict import ConfigError
+from common.strict import ConfigError, shortened
 from deploy.commands.levels.options import Bank, RunFile, chosen
 from deploy.levels import ask, known_levels
 from deploy.output import AsJson, one_line_errors, say
 from deploy.runs import runs_root
 
-SEEDS = re.compile(r"^(\d+)(?:-(\d+))?$")
+SEEDS = re.compile(r"([0-9]{1,10})(?:-([0-9]{1,10}))?")
+MOST_LEVELS = 10_000_000
 
 
 @one_line_errors
@@ -34,17 +35,17 @@ def build(
     as_json: AsJson = False,
 ) -> None:
     """Generate levels ahead of time, for all runs; goes on where an earlier build was stopped."""
-    found = SEEDS.match(seeds)
-    if found is None:
-        raise ConfigError(f"--seeds {seeds!r}: use a number, or two as 1-10")
+    first, last = _span(seeds)
+    if (last - first + 1) * episodes > MOST_LEVELS:
+        raise ConfigError(f"--seeds {seeds} and --episodes {episodes}: {MOST_LEVELS} training levels are the most")
     known = known_levels(file)
     names = level or [name for name, levels in known.items() if not isinstance(levels, LevelFiles)]
     result = ask(
         BuildRequest(
             bank=bank or bank_root(runs_root()),
             levels=chosen(names, file),
-            first_seed=int(found[1]),
-            last_seed=int(found[2] or found[1]),
+            first_seed=first,
+            last_seed=last,
             episodes=episodes,
             evaluation=evaluation,
             processes=processes or len(os.sched_getaffinity(0)),
@@ -52,3 +53,16 @@ def build(
     )
     counts = ", ".join(f"{count} {name}" for name, count in result["levels"].items())
     say(f"{result['bank']} holds {counts}; {sum(result['built'].values())} new", result, as_json=as_json)
+
+
+def _span(seeds: str) -> tuple[int, int]:
+    """The first and the last of the seeds.
+
+    Raises:
+        ConfigError: they are none.
+    """
+    found = SEEDS.fullmatch(seeds)
+    first, last = (0, -1) if found is None else (int(found[1]), int(found[2] or found[1]))
+    if not first <= last < 2**31:
+        raise ConfigError(f"--seeds {shortened(seeds)}: use a number below 2**31, or two as 1-10, the least first")
+    return first, last

@@ -7,7 +7,7 @@ import typer
 
 from common.levels.distributions import AnyLevels, shipped
 from common.levels.requests import Drawn
-from common.strict import ConfigError, nearest
+from common.strict import ConfigError, nearest, shortened
 from deploy.levels import known_levels
 
 Bank = Annotated[
@@ -33,7 +33,7 @@ def chosen(names: list[str], file: Path | None) -> dict[str, AnyLevels]:
     known = known_levels(file)
     for name in names:
         if name not in known:
-            raise ConfigError(f"--level {name!r}{nearest(name, list(known))}")
+            raise ConfigError(f"--level {shortened(name)}{nearest(name, list(known))}")
     return {name: known[name] for name in names}
 
 

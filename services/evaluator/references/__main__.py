@@ -39,8 +39,7 @@ def score(request: ReferenceRequest) -> None:
 
 
 def main() -> None:
-    request = asked(ReferenceRequest)
-    carry_out(lambda: score(request), LevelFileError, BankError, UnplayableLevelError)
+    carry_out(lambda: score(asked(ReferenceRequest)), LevelFileError, BankError, UnplayableLevelError)
 
 
 if __name__ == "__main__":

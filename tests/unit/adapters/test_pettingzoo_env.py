@@ -50,6 +50,7 @@ def choose(observation, step, train, allowed=31, label=-1):
 
 
 @pytest.mark.parametrize("name", ["easy", "rush"])
+@pytest.mark.filterwarnings("ignore:.*reset knows no option 'options'")
 @pytest.mark.parametrize("kind", OBSERVATIONS)
 def test_it_passes_pettingzoos_test_of_the_interface(name, kind):
     parallel_api_test(TrainsEnv(name, world=world_of([name], observation=OBSERVATIONS[kind])), num_cycles=300)
@@ -342,3 +343,33 @@ def test_it_serves_as_an_aec_environment():
         *_, info = env.last()
         env.step(env.action_space(agent).sample(info["action_mask"]))
     assert env.num_agents == 3
+
+
+@pytest.mark.parametrize("seed", ["a", -1, 1.5, True, 2**31, [1]])
+def test_a_seed_is_a_whole_number_that_a_run_can_have(seed):
+    with pytest.raises(ValueError, match="give a whole number from 0 to 2"):
+        TrainsEnv("easy").reset(seed=seed)
+
+
+@pytest.mark.parametrize("action", [1.5, 2.0, "2", True, -1, 5, np.float32(1), [2], np.array([2])])
+def test_an_action_is_a_whole_number(action):
+    env = TrainsEnv("easy", decisions="always")
+    env.reset(seed=1)
+    with pytest.raises(ValueError, match=r"train_1 has action .*: choose 0 to 4"):
+        env.step({"train_0": 2, "train_1": action, "train_2": 2})
+    env.step({"train_0": np.int64(2), "train_1": np.array(2), "train_2": np.int8(2)})
+
+
+def test_what_is_no_agent_has_no_action():
+    env = TrainsEnv("easy", decisions="always")
+    env.reset(seed=1)
+    with pytest.raises(ValueError, match="there is no agent 'train_3': did you mean train_"):
+        env.step(dict.fromkeys([*env.agents, "train_3"], 2))
+
+
+def test_options_that_nobody_knows_are_warned_of_and_a_level_is_one():
+    env = TrainsEnv("easy")
+    with pytest.warns(UserWarning, match="reset knows no option 'lvls': known are difficulty, level, levels"):
+        env.reset(seed=1, options={"lvls": "hard"})
+    with pytest.raises(ValueError, match="level 'easy' is no Level"):
+        env.reset(seed=1, options={"level": "easy"})

@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
@@ -125,7 +124,7 @@ def test_what_is_no_file_or_cannot_be_read(tmp_path, monkeypatch):
     assert "is no file: check the path" in refusal(tmp_path / "pipe")
     path = tmp_path / "a.safetensors"
     path.touch()
-    monkeypatch.setattr(Path, "read_bytes", Mock(side_effect=PermissionError(13, "Permission denied")))
+    monkeypatch.setattr("common.checkpoint.open_at_once", Mock(side_effect=PermissionError(13, "Permission denied")))
     assert "cannot be read (Permission denied)" in refusal(path)
 
 
@@ -216,3 +215,27 @@ def test_a_truncated_file_is_refused(length):
 def test_needs_no_torch():
     code = "import sys, common.checkpoint; sys.exit('torch' in sys.modules)"
     assert subprocess.run([*PYTHON, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+def test_weights_that_are_not_finite_are_no_checkpoint(tmp_path, number):
+    path = tmp_path / "a.safetensors"
+    weights = {"q.weight": np.array([1, number], np.float32), "steps": np.array(7)}
+    save(path, weights, METADATA, "checkpoint")
+    assert refusal(path).endswith("tensor q.weight has numbers that are not finite: use another checkpoint")
+    save(path, weights, METADATA, "snapshot")
+    assert_same(weights, load(path, "snapshot")[0])
+
+
+def test_of_a_huge_file_of_another_kind_the_beginning_is_enough(tmp_path):
+    path = tmp_path / "a.safetensors"
+    with path.open("wb") as file:
+        file.truncate(1 << 42)
+    assert "not a safetensors file" in refusal(path)
+
+
+def test_a_checkpoint_that_is_larger_than_any_is_not_read(tmp_path, monkeypatch):
+    path = tmp_path / "a.safetensors"
+    save(path, tensors(), METADATA, "checkpoint")
+    monkeypatch.setitem(checkpoint.MOST_BYTES, "checkpoint", 100)
+    assert "cannot be read (larger than 0.0001 MB)" in refusal(path)

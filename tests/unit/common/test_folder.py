@@ -7,7 +7,7 @@ import yaml
 
 from common.bus import NoAnswer
 from common.config import parse_config
-from common.folder import RunFolder, write_atomically
+from common.folder import Cluster, Outcome, RunFolder, write_atomically
 from common.strict import ConfigError
 
 CONFIG = {
@@ -94,3 +94,45 @@ def test_a_file_is_replaced_in_one_step(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="disk full"):
         write_atomically(path, "three")
     assert path.read_text() == "two"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"endpoint": 5, "namespace": "railctl/1", "actors": {"easy": 1}}',
+        '{"endpoint": "tcp/127.0.0.1:1", "namespace": ["railctl/1"], "actors": {"easy": 1}}',
+        '{"endpoint": "tcp/127.0.0.1:1", "namespace": "railctl/1", "actors": [1]}',
+        '{"endpoint": "tcp/127.0.0.1:1", "namespace": "railctl/1", "actors": {"easy": "many"}}',
+        '{"endpoint": "tcp/127.0.0.1:1", "namespace": "railctl/1", "actors": {"easy": true}}',
+        '{"endpoint": "tcp/127.0.0.1:1", "namespace": "railctl/1", "actors": {"easy": 1}, "more": 1}',
+        "[" * 100_000,
+        "5",
+    ],
+)
+def test_a_cluster_file_of_another_form_is_as_none(folder, text):
+    folder.cluster_file.write_text(text)
+    assert folder.cluster() == Cluster()
+    assert folder.wants_actors()
+    with pytest.raises(NoAnswer, match="has no cluster: start one with railctl up"):
+        folder.endpoint_and_namespace()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        '{"outcome": "finished"}',
+        '{"outcome": "won", "reason": ""}',
+        '{"outcome": [], "reason": 5}',
+        "[" * 100_000,
+    ],
+)
+def test_an_outcome_of_another_form_is_none(folder, text):
+    folder.outcome_file.write_text(text)
+    assert folder.outcome() is None
+
+
+def test_how_a_run_ended(folder):
+    folder.outcome_file.write_text('{"outcome": "failed", "reason": "no disk"}')
+    assert folder.outcome() == Outcome(outcome="failed", reason="no disk")

@@ -95,6 +95,8 @@ def test_a_file_cut_anywhere_holds_the_first_rows_and_goes_on_from_there(tmp_pat
         b"null",
         b"\xff\xfe",
         b'{"episode": 1}',
+        b"[" * 5000,
+        b"x" * 200_000,
         row(1).model_dump_json(by_alias=True).replace("-0.5", "NaN").encode(),
         row(1).model_dump_json(by_alias=True).replace('"easy"', '"no name"').encode(),
         row(1).model_dump_json(by_alias=True).replace('"level"', '"colour"').encode(),
@@ -170,3 +172,11 @@ def test_rows_stay_on_disk(tmp_path):
 def objects():
     gc.collect()
     return sum(type(found) is EpisodeRow for found in gc.get_objects())
+
+
+def test_a_file_without_a_line_is_not_read_to_its_end(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    with path.open("wb") as file:
+        file.truncate(1 << 42)
+    with pytest.raises(DamagedRows, match="line 1 is not a valid row"):
+        read_rows(path, EpisodeRow)

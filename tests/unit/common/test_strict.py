@@ -165,3 +165,63 @@ def test_nested_keys_become_dotted_ones():
         "e": None,
         "0.5.1": 2,
     }
+
+
+class Numbers(Strict):
+    """All places where pydantic would take a boolean for a number, or a number for a boolean."""
+
+    count: int = 1
+    few: int = Field(default=1, ge=0, le=9)
+    share: float = 0.5
+    is_on: bool = False
+    how: Literal[False, True, "twice"] = False
+    sizes: tuple[int, ...] = ()
+    scales: dict[float, int] = Field(default_factory=dict)
+    maybe: int | None = None
+    either: float | tuple[str, ...] = 0.5
+    inner: Point | None = None
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"count": True}, "count: input should be a valid integer, not True"),
+        ({"share": False}, "share: input should be a valid number, not False"),
+        ({"is_on": 1}, "is_on: input should be a valid boolean, not 1"),
+        ({"is_on": 0.0}, "is_on: input should be a valid boolean, not 0.0"),
+        ({"how": 1}, "how: input should be a valid boolean, not 1"),
+        ({"sizes": [1, True]}, "sizes.1: input should be a valid integer, not True"),
+        ({"scales": {True: 1}}, "scales.1: input should be a valid number, not True"),
+        ({"scales": {0.5: True}}, "scales.0.5: input should be a valid integer, not True"),
+        ({"maybe": True}, "maybe: input should be a valid integer, not True"),
+        ({"either": True}, "either: input should be a valid number, not True"),
+        ({"inner": {"x": True}}, "inner.x: input should be a valid integer, not True"),
+        ({"share": float("nan")}, "share: input should be a finite number, not nan"),
+        ({"share": "inf"}, "share: input should be a finite number, not 'inf'"),
+        ({"count": 2**53}, f"count: input should be less than or equal to {2**53 - 1}, not {2**53}"),
+        ({"count": -(2**53)}, f"count: input should be greater than or equal to {1 - 2**53}, not {-(2**53)}"),
+        ({"sizes": [10**30]}, f"sizes.0: input should be less than or equal to {2**53 - 1}, not {10**30}"),
+        ({"few": 10}, "few: input should be less than or equal to 9, not 10"),
+        ({"x" * 5000: 1}, f"unknown key {'x' * 77}...: known are count, "),
+    ],
+)
+def test_a_boolean_is_no_number_and_numbers_are_bounded(changes, text):
+    with pytest.raises(ValidationError) as caught:
+        Numbers.model_validate(changes)
+    assert describe(caught.value, Numbers).startswith(text)
+
+
+def test_numbers_and_booleans_are_what_they_were():
+    given = {
+        "count": 2**53 - 1,
+        "share": 1,
+        "is_on": True,
+        "how": True,
+        "sizes": [0, 1],
+        "scales": {"1": 1},
+        "few": "3",
+    }
+    made = Numbers.model_validate(given)
+    assert (made.count, made.share, made.is_on, made.how) == (2**53 - 1, 1.0, True, True)
+    assert (made.sizes, made.scales, made.few) == ((0, 1), {1.0: 1}, 3)
+    assert Numbers.model_validate_json(made.model_dump_json()) == made

@@ -108,6 +108,103 @@ def test_every_verb_has_help(verb):
 
 
 @pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["up", "--name", ""], "--name: what follows is empty"),
+        (["up", "--name="], "--name: what follows is empty"),
+        (["up", "--actors", ""], "--actors: what follows is empty"),
+        (["report", "--output", ""], "--output: what follows is empty"),
+        (["levels", "export", "--output", ""], "--output: what follows is empty"),
+        (["status", ""], "status: what follows is empty"),
+        ([""], "railctl: what follows is empty"),
+        (["status", "one\udcff"], "'one\\udcff' is not text in UTF-8"),
+        (["up", "-f", "\udc80.yaml"], "'\\udc80.yaml' is not text in UTF-8"),
+    ],
+)
+def test_no_word_is_empty_and_all_are_text(root, arguments, text):
+    result = railctl(*arguments)
+    assert (result.exit_code, result.stdout) == (WRONG_USAGE, "")
+    assert text in result.stderr
+    assert not root.exists()
+
+
+LONG = "a" * 5000
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["status", LONG],
+        ["tail", LONG],
+        ["logs", LONG],
+        ["scale", LONG, "easy=1"],
+        ["down", LONG],
+        ["up", "--name", LONG],
+        ["up", "-f", LONG],
+        ["up", "--level", LONG],
+        ["up", "--algorithm", LONG],
+        ["up", "--actors", f"{LONG}=1"],
+        ["up", "--set", f"start_from={LONG}"],
+        ["up", "--set", f"{LONG}=1"],
+        ["up", "--set", LONG],
+        ["evaluate", LONG],
+        ["evaluate", "random", "--levels", LONG],
+        ["evaluate", "random", "--level", LONG],
+        ["demonstrate", "planner", "--out", LONG],
+        ["report", LONG],
+        ["report", "--curves", LONG],
+        ["study", "plan", LONG],
+        ["study", "plan", f"{LONG}.yaml"],
+        ["bench", LONG],
+    ],
+    ids=lambda arguments: " ".join(arguments)[:30],
+)
+def test_what_is_too_long_to_be_a_name_is_said_shortly(root, arguments):
+    assert len(complaint(WRONG_USAGE, *arguments)) < 400
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["evaluate", "random", "--draws", 2**70], f"draws: input should be less than or equal to {2**53 - 1}, not "),
+        (["evaluate", "random", "--episodes", 2**70], "episodes: input should be less than or equal to 1000000, not "),
+        (["evaluate", "random", "--seed", 2**70], f"seed: input should be less than or equal to {2**53 - 1}, not "),
+        (["evaluate", "planner", "--orders", 2**70], f"--orders {2**70}: use 1 to 100000"),
+        (["up", "--episodes", 2**70], f"episodes: input should be less than or equal to 10000000, not {2**70}"),
+        (["up", "--seed", 2**70], f"seed: input should be less than 2147483648, not {2**70}"),
+        (["up", "--lag", 2**70], f"lag: input should be less than or equal to 1024, not {2**70}"),
+        (["up", "--cores", 2**70], f"cluster.cores: input should be less than or equal to {2**53 - 1}, not {2**70}"),
+        (["levels", "build", "--seeds", "5-1"], "--seeds '5-1': use a number below 2**31, or two as 1-10"),
+        (["levels", "build", "--seeds", "-1"], "--seeds '-1': use a number below 2**31, or two as 1-10"),
+        (
+            ["levels", "build", "--seeds", "1" * 5000],
+            f"--seeds '{'1' * 76}...: use a number below 2**31, or two as 1-10",
+        ),
+        (["levels", "build", "--seeds", "\u0661"], "--seeds '\u0661': use a number below 2**31, or two as 1-10"),
+        (["levels", "build", "--seeds", "0-999999"], "--seeds 0-999999 and --episodes 1500: 10000000 training levels"),
+        (["levels", "build", "--processes", 2**70], "processes: input should be less than or equal to 1024, not "),
+        (["levels", "show", "--seed", 2**70], f"seed: input should be less than 4294967296, not {2**70}"),
+        (["levels", "export", "--count", 2**70], "count: input should be less than or equal to 500000, not "),
+    ],
+)
+def test_numbers_that_are_too_large_for_anything_are_refused(root, arguments, text):
+    assert complaint(WRONG_USAGE, *arguments).startswith(text)
+
+
+def test_whatever_is_in_a_name_the_complaint_is_one_line(root):
+    assert complaint(WRONG_USAGE, "status", "a\nb\x1b[31m").startswith("no run named 'a\\nb\\x1b[31m'")
+    assert complaint(WRONG_USAGE, "evaluate", "a\nb.safetensors").startswith("a\\nb.safetensors: no such file")
+
+
+def test_a_run_that_has_lost_its_configuration_is_told_of_it(root):
+    folder = make()
+    folder.config_file.unlink()
+    text = f"{folder.path} is there, without its config.yaml: restore that, or give another name"
+    assert complaint(WRONG_USAGE, "up", "--name", "one") == text
+    assert complaint(WRONG_USAGE, "status", "one") == text
+
+
+@pytest.mark.parametrize(
     "arguments", [["fly"], ["up", "--fly"], ["up", "--episodes", "many"], ["scale"], ["logs", "-n", "-1"]]
 )
 def test_wrong_usage_has_its_own_exit_code_and_no_traceback(root, arguments):
@@ -401,14 +498,10 @@ def test_what_may_not_be_read_is_named(root, monkeypatch):
     folder = make()
     write_episodes(folder, 1)
 
-    opened = Path.open
+    def refuse(path):
+        raise PermissionError(13, "Permission denied", str(path))
 
-    def refuse(path, *arguments, **options):
-        if path == folder.episodes_file:
-            raise PermissionError(13, "Permission denied", str(path))
-        return opened(path, *arguments, **options)
-
-    monkeypatch.setattr(Path, "open", refuse)
+    monkeypatch.setattr("common.rows.open_at_once", refuse)
     assert complaint(FAILED, "tail", "one") == (
         f"{folder.episodes_file}: Permission denied: use a folder that you may read and write"
     )

@@ -15,7 +15,7 @@ from common.interpreter import PYTHON
 from common.locks import sole
 from common.private import is_private, remove_endpoint
 from common.records.rows import EpisodeRow
-from common.strict import ConfigError
+from common.strict import ConfigError, shortened
 from deploy import launch
 from deploy.launch import (
     check_existing,
@@ -85,10 +85,10 @@ def test_a_new_run_has_its_configuration_and_a_folder_for_logs(root, name):
     assert [path.name for path in root.iterdir()] == [name]
 
 
-@pytest.mark.parametrize("name", ["", ".hidden", "-dash", "a b", "a/b", "../up", "a" * 101, "é", "a:b"])
+@pytest.mark.parametrize("name", ["", ".hidden", "-dash", "a b", "a/b", "../up", "a" * 101, "é", "a:b", "a" * 5000])
 def test_a_name_of_another_form_is_refused_and_nothing_is_made(root, name):
     text = failure(new_run, name, config(), error=ConfigError)
-    assert text == f"--name {name!r}: use letters, digits, '.', '_', '+' and '-', at most 100"
+    assert text == f"--name {shortened(name)}: use letters, digits, '.', '_', '+' and '-', at most 100"
     assert not root.exists()
 
 
@@ -142,7 +142,8 @@ def test_a_run_that_cannot_be_written_leaves_nothing_behind(root, monkeypatch, w
 def test_a_folder_of_that_name_is_not_overwritten(root):
     (root / "one").mkdir(parents=True)
     (root / "one" / "notes.txt").write_text("mine")
-    assert failure(new_run, "one", config()).startswith(f"cannot create {root}/one: Directory not empty")
+    text = failure(new_run, "one", config(), error=ConfigError)
+    assert text == f"{root}/one is there, without its config.yaml: restore that, or give another name"
     assert [path.name for path in root.iterdir()] == ["one"]
     assert (root / "one" / "notes.txt").read_text() == "mine"
 

@@ -213,7 +213,7 @@ def test_training_levels_are_exported_by_run_seed(railctl, tmp_path: Path):
     ("arguments", "code", "text"),
     [
         (("build", "--level", "eassy"), 2, "--level 'eassy': did you mean easy? known are easy, hard, medium"),
-        (("build", "--seeds", "1-"), 2, "--seeds '1-': use a number, or two as 1-10"),
+        (("build", "--seeds", "1-"), 2, "--seeds '1-': use a number below 2**31, or two as 1-10, the least first"),
         (("show", "no.npz"), 2, "does not exist"),
         (("verify", "no.npz"), 2, "does not exist"),
         (("show", "--seed", "-1"), 2, "greater than or equal to 0"),

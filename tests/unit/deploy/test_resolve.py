@@ -249,7 +249,10 @@ def test_short_forms_make_runs():
         (b"- easy\n- hard", "holds no keys"),
         (b"easy", "holds no keys"),
         (b"a: [1\nb: {", "is not YAML: while parsing a flow "),
-        (b"a: !!python/object:os.system {}", "is not YAML: could not determine a constructor"),
+        (
+            b"a: !!python/object:os.system {}",
+            "is not YAML: a tag (tag:yaml.org,2002:python/object:os.system): leave it out",
+        ),
         (b"\x00\x01", "is not YAML: "),
     ],
 )
@@ -266,7 +269,7 @@ def test_a_folder_is_no_run_file(tmp_path):
     assert "Is a directory" in complaint(read_file, tmp_path)
 
 
-@pytest.mark.parametrize("content", [b"\x89PNG\xff\xfe", b"seed: 2024-13-45", b"seed: " + b"1" * 5000])
+@pytest.mark.parametrize("content", [b"\x89PNG\xff\xfe", b"seed: 0x_", b"seed: " + b"1" * 5000])
 def test_a_run_file_that_is_no_text_or_holds_impossible_values_is_named(tmp_path, content):
     path = tmp_path / "run.yaml"
     path.write_bytes(content)
@@ -291,7 +294,8 @@ def test_a_run_file_is_plain_data(tmp_path):
         (["a=[1, 2]"], {"a": [1, 2]}),
         (["a={b: 1}", "a.c=2"], {"a": {"b": 1, "c": 2}}),
         (["a=true"], {"a": True}),
-        (["a="], {"a": None}),
+        (["a=2024-13-45"], {"a": "2024-13-45"}),
+        (["a=1e-3"], {"a": 0.001}),
         (["a=b=c"], {"a": "b=c"}),
     ],
 )
@@ -304,16 +308,27 @@ def test_settings_are_keys_and_yaml_values(sets, data):
     [
         ("seed", "--set 'seed' is not key=value: write for example --set dqn.batch_size=64"),
         ("=5", "--set '=5' is not key=value: write for example --set dqn.batch_size=64"),
-        ("seed=[1", "--set seed: '[1' is not a YAML value"),
-        ("seed=a: b: c", "--set seed: 'a: b: c' is not a YAML value"),
+        ("seed=[1", "--set seed: '[1' is not a YAML value: while parsing a flow sequence"),
+        ("seed=a: b: c", "--set seed: 'a: b: c' is not a YAML value: mapping values are not allowed here"),
+        ("dqn={double: 1, double: 2}", "--set dqn: '{double: 1, double: 2}' is not a YAML value: the key 'double' is"),
+        ("seed=" + "[" * 5000, f"--set seed: '{'[' * 76}... is not a YAML value: more than 32 lists and mappings in"),
+        (
+            ".".join("a" * 33) + "=1",
+            "--set 'a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a': no key",
+        ),
+        ("demonstrations=", "--set 'demonstrations=' has no value: give one, or null"),
+        ("seed=  ", "--set 'seed=  ' has no value: give one, or null"),
     ],
 )
 def test_a_wrong_setting_is_named(setting, text):
-    assert complaint(parse_sets, [setting]) == text
+    assert complaint(parse_sets, [setting]).startswith(text)
 
 
-def test_a_setting_that_is_an_impossible_date_is_named():
-    assert complaint(parse_sets, ["seed=2024-13-45"]) == "--set seed: '2024-13-45' is not a YAML value"
+@pytest.mark.parametrize("name", ["cluster", "dqn", "mix", "replay"])
+def test_a_file_leaves_no_section_empty_that_an_option_could_complete(tmp_path, name):
+    path = tmp_path / "run.yaml"
+    path.write_text(f"start_from:\n{name}:\n")
+    assert complaint(read_file, path) == f"{path}: {name} is empty: give it keys, or leave it out"
 
 
 @pytest.mark.parametrize(
@@ -405,7 +420,7 @@ def test_a_mapping_over_something_else_is_refused():
 
 
 @settings(deadline=None)
-@given(st.dictionaries(st.sampled_from(["a", "b.c", "b.d", "e.f.g"]), st.integers(), max_size=4))
+@given(st.dictionaries(st.sampled_from(["a", "b.c", "b.d", "e.f.g"]), st.integers(-(2**63), 2**63 - 1), max_size=4))
 def test_settings_come_back_flat(data):
     assert flat(parse_sets([f"{key}={yaml.safe_dump(value).split()[0]}" for key, value in data.items()])) == data
 

@@ -42,6 +42,8 @@ def test_what_is_published_is_the_report_of_the_study_and_can_be_made_anew(made,
         (b"", "damaged, or no results: give a file that railctl study publish wrote"),
         (b"{}", "damaged, or no results: give a file that railctl study publish wrote"),
         (lzma.compress(b"[1"), "damaged, or no results: give a file that railctl study publish wrote"),
+        (lzma.compress(b"[" * 100_000), "damaged, or no results: give a file that railctl study publish wrote"),
+        (lzma.compress(b"{}")[:-1], "damaged, or no results: give a file that railctl study publish wrote"),
         (lzma.compress(b"{}"), "study is missing: give it a value"),
         (lzma.compress(b'{"format": "other"}'), "format: input should be 'railctl results', not 'other'"),
     ],
@@ -53,3 +55,14 @@ def test_what_is_no_file_of_results_is_refused(tmp_path, content, text):
     with pytest.raises(ConfigError) as refusal:
         archive.load(path)
     assert str(refusal.value) == f"{path}: {text}"
+
+
+def test_a_small_file_of_something_enormous_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(archive, "MOST_BYTES", 100_000_000)  # memory, and what may come out
+    path = tmp_path / "results.json.xz"
+    with lzma.open(path, "wb") as file:
+        for _ in range(101):
+            file.write(b" " * 1_000_000)
+    assert path.stat().st_size < 100_000
+    with pytest.raises(ConfigError, match="damaged, or no results"):
+        archive.load(path)

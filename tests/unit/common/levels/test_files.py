@@ -61,6 +61,14 @@ ON_TARGET[0, 1, 3:] = ON_TARGET[0, 1, :2]
         ({"easy_levels_max_steps": np.array([412.0])}, "must hold integers"),
         ({"easy_levels_max_steps": np.array([412, 1])}, r"do not have shapes \[K, H, W\]"),
         ({"easy_levels_max_steps": np.array([0])}, "level 0 of easy: a step limit of 0"),
+        ({"easy_levels_max_steps": np.array([100_001])}, "a step limit of 100001: 1 to 100000 are possible"),
+        (
+            {
+                "easy_levels_agents": np.repeat(GOOD["easy_levels_agents"], 400, 1),
+                "easy_levels_max_steps": np.array([100_000]),
+            },
+            "a step limit of 100000 for 1200 trains: 100000000 steps of all trains together are the most",
+        ),
         ({"easy_levels_agents": np.zeros((1, 3, 4), int)}, r"do not have shapes \[K, H, W\]"),
         ({"easy_levels_agents": np.zeros((1, 0, 5), int)}, "level 0 of easy: no trains"),
         ({"easy_levels_agents": OFF_RAILS}, "train 1 starts at row 0, column 0, where no rail leads on"),
@@ -147,4 +155,25 @@ def test_an_array_that_would_fill_the_memory_is_not_unpacked(tmp_path: Path, mon
     np.savez_compressed(path, a_levels_grid=np.zeros((1000, 1000), np.uint8))
     assert path.stat().st_size < 10_000
     with pytest.raises(LevelFileError, match="the array a_levels_grid has over 1000000 bytes: split the file"):
+        files.load(path)
+
+
+def test_a_file_whose_arrays_are_too_large_together_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    path = tmp_path / "levels.npz"
+    np.savez_compressed(path, **GOOD)
+    monkeypatch.setattr(files, "MOST_FILE_BYTES", 1000)
+    with pytest.raises(LevelFileError, match="its arrays have over 1000 bytes: split it"):
+        files.load(path)
+    np.savez(path, **GOOD)
+    with pytest.raises(LevelFileError, match=r"levels\.npz has over 1000 bytes: split it"):
+        files.load(path)
+
+
+@pytest.mark.parametrize("begin", [b"", b"\x93NUMPY", b"hello"])
+def test_of_a_huge_file_that_is_no_archive_the_beginning_is_enough(tmp_path: Path, begin: bytes):
+    path = tmp_path / "levels.npz"
+    path.write_bytes(begin)
+    with path.open("r+b") as file:
+        file.truncate(1 << 42)
+    with pytest.raises(LevelFileError):
         files.load(path)

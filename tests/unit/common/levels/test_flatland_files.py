@@ -23,7 +23,7 @@ from common.levels.distributions import MalfunctionSettings, StockLevels
 from common.levels.files import LevelFileError
 from common.levels.flatland.reading import ReadLevel, read_level
 from common.levels.generate import generate
-from common.levels.level import Level, Malfunctions, Schedule
+from common.levels.level import MOST_STEPS, Level, Malfunctions, Schedule
 from common.levels.plain import usable_headings
 from common.levels.reading import read
 from common.rail.compiled.world import CompiledWorld
@@ -357,7 +357,7 @@ def schedules(draw: st.DrawFn) -> Schedule:
 
 
 @settings(max_examples=25, deadline=None)
-@given(schedules(), st.integers(1, 10**8))
+@given(schedules(), st.integers(1, MOST_STEPS))
 def test_any_schedule_goes_out_and_comes_back(tmp_path_factory: pytest.TempPathFactory, schedule: Schedule, limit: int):
     level = replace(LEVEL, schedule=schedule, max_steps=limit)
     path = tmp_path_factory.mktemp("level") / "level.pkl"
