@@ -4,12 +4,15 @@ import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from common.bus import NoAnswer
 from common.config import RunConfig, parse_config
 from common.mapping_file import read_mapping
 from common.rules.settings import DEMONSTRATIONS_FILE, START_FILE
+from common.sessions import Door
 from common.strict import ConfigError
+from common.tls import Credentials
 
 
 @dataclass(frozen=True)
@@ -109,11 +112,28 @@ class RunFolder:
         Raises:
             NoAnswer: the run was never started.
         """
+        cluster = self._cluster()
+        return str(cluster["endpoint"]), str(cluster["namespace"])
+
+    def credentials(self) -> Credentials | None:
+        """Of the processes here, if the run's router is on another machine; raises as `endpoint_and_namespace`."""
+        keys = self._cluster().get("keys")
+        return None if keys is None else Credentials(Path(keys), "actor")
+
+    def door(self) -> Door | None:
+        """Where the run's router lets other machines in, if it does."""
+        cluster = self.config().cluster
+        if cluster.listen is None or cluster.keys is None:
+            return None
+        return Door(cluster.listen, self.endpoint_and_namespace()[1], Credentials(Path(cluster.keys), "host"))
+
+    def _cluster(self) -> dict[str, Any]:
         try:
-            cluster = json.loads(self.cluster_file.read_text())
-            return str(cluster["endpoint"]), str(cluster["namespace"])
+            cluster: dict[str, Any] = json.loads(self.cluster_file.read_text())
+            cluster["endpoint"], cluster["namespace"]
         except (OSError, ValueError, KeyError, TypeError):
             raise NoAnswer(f"run {self.path.name} has no cluster: start one with railctl up") from None
+        return cluster
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shutil
+import socket
 import subprocess
 import time
 import uuid
@@ -25,6 +26,8 @@ from common.private import FOLDER_MODE, is_private, private_endpoint, private_fi
 from common.rules.settings import DEMONSTRATIONS_FILE, START_FILE
 from common.snapshots import newest_snapshot
 from common.strict import ConfigError
+from common.tls import Credentials, host_and_port
+from deploy.certificates import check as check_credentials
 from deploy.demonstrations import copy_demonstrations
 from deploy.plan import ENVIRONMENT
 from deploy.runs import Failed, runs_root, supervised
@@ -108,6 +111,7 @@ def check_new(name: str, config: RunConfig) -> None:
     if not NAME_FORM.fullmatch(name):
         raise ConfigError(f"--name {name!r}: use letters, digits, '.', '_', '+' and '-', at most 100")
     check_machine(config)
+    check_listening(config)
 
 
 def check_existing(folder: RunFolder, config: RunConfig) -> None:
@@ -117,6 +121,7 @@ def check_existing(folder: RunFolder, config: RunConfig) -> None:
         Failed: this machine cannot run it, its folder is read-only, or no snapshot of it can be read.
     """
     check_machine(config)
+    check_door(folder, config)
     if not os.access(folder.path, os.W_OK):
         raise Failed(f"cannot write to {folder.path}: make it writable, or copy the run to another folder")
     try:
@@ -130,6 +135,42 @@ def check_machine(config: RunConfig) -> None:
     cores = len(os.sched_getaffinity(0))
     if config.cluster.cores > cores:
         raise Failed(f"cluster.cores is {config.cluster.cores} and this machine offers {cores}: use --cores {cores}")
+
+
+def check_door(folder: RunFolder, config: RunConfig) -> None:
+    """See that other machines will find a run, of which a router may live, where it says.
+
+    Raises:
+        ConfigError, Failed: as `check_listening`, or the router lives and listens elsewhere.
+    """
+    before, now = folder.config().cluster, config.cluster
+    if "router" not in living(folder):
+        check_listening(config)
+    elif (before.listen, before.keys) != (now.listen, now.keys):
+        name = folder.path.name
+        raise Failed(f"run {name} is running, and its router listens elsewhere: railctl down {name} first")
+
+
+def check_listening(config: RunConfig) -> None:
+    """See that a router can listen for other machines, if it shall.
+
+    Raises:
+        ConfigError: a file of its keys cannot be used.
+        Failed: it cannot listen there.
+    """
+    listen, folder = config.cluster.listen, config.cluster.keys
+    if listen is None or folder is None:
+        return
+    check_credentials(Credentials(Path(folder), "host"))
+    host, port = host_and_port(listen)
+    try:
+        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the router does
+            probe.bind(address)
+    except OSError as error:
+        remedy = "give a free port, and 0.0.0.0 or an address of this machine"
+        raise Failed(f"cluster.listen {listen}: {error.strerror}: {remedy}") from None
 
 
 def save_config(folder: RunFolder, config: RunConfig) -> None:
