@@ -5,12 +5,13 @@ import ssl
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 from common.bus import Bus, NoAnswer, open_bus
 from common.records.control import Empty
 from common.records.joining import RunIntroduction
 from common.strict import ConfigError
-from common.tls import Credentials, FarRole, host_and_port
+from common.tls import LINK, Credentials, FarRole, host_and_port
 from common.wire import keys
 from common.wire.keys import ROOT
 from deploy.certificates import check
@@ -32,6 +33,35 @@ def credentials_for(address: str, folder: Path, role: FarRole) -> Credentials:
     credentials = Credentials(folder.absolute(), role)
     check(credentials)
     return credentials
+
+
+class Place(NamedTuple):
+    """Where a run is reached from another machine, and as whom."""
+
+    address: str
+    credentials: Credentials
+
+
+def place_of(run: str | None, folder: Path | None, *roles: FarRole) -> Place | None:
+    """The place that a user gives instead of a run's name, as an address and a folder of keys; None: it is a name.
+
+    Args:
+        run: name, folder or address.
+        folder: of the keys.
+        roles: those that will do; the first is taken whose files are there.
+
+    Raises:
+        ConfigError: an address or keys are given without the other, or the files of no role are good.
+    """
+    is_address = run is not None and run.startswith(LINK)
+    if is_address and folder is None:
+        raise ConfigError(f"{run}: an address takes keys: add --keys DIR, with those of a {' or an '.join(roles)}")
+    if folder is not None and not is_address:
+        raise ConfigError(f"--keys {folder}: only the address of a run takes keys, as tls/node7:7447: leave them out")
+    if run is None or folder is None:
+        return None
+    role = next((role for role in roles if Credentials(folder, role).key.exists()), roles[0])
+    return Place(run, credentials_for(run, folder, role))
 
 
 def introduced(address: str, credentials: Credentials) -> RunIntroduction:

@@ -98,8 +98,7 @@ def _unsupervised(name: str, pid: int) -> ProcessStatus:
 class Rows:
     """The rows of a running run: all of history, then what comes, each once and in order."""
 
-    def __init__(self, folder: RunFolder, bus: Bus) -> None:
-        self._folder = folder
+    def __init__(self, bus: Bus) -> None:
         self._bus = bus
         self._episodes = 0
         self._evaluations = 0
@@ -119,9 +118,9 @@ class Rows:
         except queue.Empty:
             return []
 
-    def rest(self) -> list[Row]:
-        """What is still missing when the cluster is gone, from the files."""
-        return rows_from_files(self._folder, self._episodes, self._evaluations)
+    def rest(self, folder: RunFolder) -> list[Row]:
+        """What is still missing when the cluster is gone, from the run's files."""
+        return rows_from_files(folder, self._episodes, self._evaluations)
 
     def _on_episode(self, row: EpisodeRow) -> list[Row]:
         if row.episode < self._episodes:

@@ -4,6 +4,7 @@ import json
 import sys
 from collections.abc import Callable
 from functools import wraps
+from pathlib import Path
 from typing import Annotated, Any, NoReturn, ParamSpec
 
 import typer
@@ -24,6 +25,11 @@ console = Console(highlight=False)
 WIDEST = 1000  # characters
 
 RunName = Annotated[str | None, typer.Argument(metavar="RUN", help="Name or folder of the run; default: the newest.")]
+RunOrAddress = Annotated[
+    str | None,
+    typer.Argument(metavar="RUN", help="Name, folder or address (tls/node7:7447) of the run; default: the newest."),
+]
+Keys = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of keys, for the address of a run.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 
 

@@ -6,12 +6,16 @@ import threading
 from contextlib import ExitStack
 
 import pytest
+from command_line import complaint, railctl
 
 from common.bus import NoAnswer, open_bus, open_router
 from common.private import private_endpoint, remove_endpoint
+from common.records.control import CommandAnswer, Status
 from common.records.joining import RunIntroduction
+from common.records.rows import EpisodeRows, EvaluationRow, EvaluationRows
 from common.sessions import Door
 from common.strict import ConfigError
+from common.task import WRONG_USAGE
 from common.tls import Credentials
 from common.wire import keys
 from deploy.certificates import create
@@ -118,3 +122,100 @@ def test_what_is_no_address_or_lacks_a_file_is_refused_before_anybody_is_asked(f
     (tmp_path / "keys" / "actor.key").unlink()
     with pytest.raises(ConfigError, match=r"/actor.key cannot be read: No such file or directory: "):
         credentials_for("tls/127.0.0.1:1", tmp_path / "keys", "actor")
+
+
+# An address in place of a run's name
+
+
+STATUS = Status(
+    run="one",
+    path="runs/one",
+    state="running",
+    algorithm="dddqn",
+    episodes=10,
+    supervisor_pid=1,
+    progress=None,
+    time_left_s=None,
+    problems=[],
+    processes=[],
+)
+
+
+@pytest.fixture
+def run(near):
+    """A run that answers; what it was asked to change."""
+    asked = []
+
+    def obey(question):
+        asked.append(question.request.actors)
+        question.answer(CommandAnswer(done=True, text="done so"))
+
+    near.serve(keys.RUN, lambda question: question.answer(RUN))
+    near.serve(keys.STATUS, lambda question: question.answer(STATUS))
+    near.serve(keys.SCALE, obey)
+    near.serve(keys.EPISODE_HISTORY, lambda question: question.answer(EpisodeRows(rows=[], total=0)))
+    near.serve(keys.EVALUATION_HISTORY, lambda question: question.answer(EvaluationRows(rows=EVALUATIONS, total=1)))
+    return asked
+
+
+EVALUATIONS = [
+    EvaluationRow(
+        mode="greedy",
+        episode=5,
+        level="easy",
+        levels=10,
+        normalised_return=-0.25,
+        arrived_share=0.75,
+        all_arrived_share=0.5,
+        mean_steps=41.5,
+        score=None,
+        evaluated_unix_s=1000.0,
+        evaluating_s=0.5,
+        weights_digest="0" * 32,
+    )
+]
+
+
+def only(folder, tmp_path, role):
+    """The keys that a machine of one role has."""
+    theirs = tmp_path / role
+    theirs.mkdir()
+    for name in ("ca.pem", f"{role}.pem", f"{role}.key"):
+        shutil.copy(folder / name, theirs)
+    return theirs
+
+
+@pytest.mark.parametrize("role", ["reader", "operator"])
+def test_the_status_of_a_run_is_seen_from_anywhere(run, address, folder, tmp_path, role):
+    found = railctl("status", address, "--keys", only(folder, tmp_path, role), "--json")
+    assert Status.model_validate_json(found.stdout) == STATUS
+
+
+def test_an_operator_scales_a_run_from_anywhere(run, address, folder, tmp_path):
+    assert railctl("scale", address, "easy=3", "--keys", only(folder, tmp_path, "operator")).stdout == "done so\n"
+    assert run == [{"easy": 3}]
+
+
+def test_a_tail_from_elsewhere_has_history_and_ends_with_the_link(run, address, folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("common.bus.Bus.connected", lambda _bus: False)
+    found = railctl("tail", address, "--keys", only(folder, tmp_path, "reader"))
+    assert found.stdout.startswith("checkpoint   5  easy    greedy  -0.250  ")
+    assert found.stderr.startswith(f"railctl: no link to {address} any more: ")
+
+
+@pytest.mark.parametrize("command", [("status",), ("tail",), ("scale", "easy=1")])
+def test_the_keys_of_an_actor_show_and_change_nothing(address, folder, tmp_path, command):
+    theirs = only(folder, tmp_path, "actor")
+    text = complaint(WRONG_USAGE, command[0], address, *command[1:], "--keys", theirs)
+    wanted = "operator" if command[0] == "scale" else "reader"
+    assert text.startswith(f"railctl: {theirs}/{wanted}.pem cannot be read: ")
+
+
+@pytest.mark.parametrize("command", ["status", "tail"])
+def test_an_address_takes_keys_and_a_name_takes_none(address, folder, command):
+    assert complaint(WRONG_USAGE, command, address) == (
+        f"railctl: {address}: an address takes keys: add --keys DIR, with those of a reader or an operator"
+    )
+    for name in (["one"], []):
+        text = complaint(WRONG_USAGE, command, *name, "--keys", folder)
+        assert text.startswith(f"railctl: --keys {folder}: only the address of a run takes keys, ")
