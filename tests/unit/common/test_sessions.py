@@ -109,6 +109,7 @@ def each_role(test):
 def test_what_a_role_may_not_publish_goes_nowhere(cluster, far, role):
     came = []
     subscriber = cluster.near.declare_subscriber(f"{cluster.namespace}/**", lambda sample: came.append(sample.key_expr))
+    passed(cluster, far)
     for key in [*(cluster.key(topic) for topic in TOPICS), f"{cluster.namespace}/weights"]:
         far.put(key, b"theirs")
         far.delete(key)
@@ -159,10 +160,12 @@ def test_nobody_far_answers_in_place_of_the_run(cluster, far, role):
 def test_a_role_holds_no_token_but_its_own(cluster, far, role):
     changes = SimpleQueue()
     watch = cluster.near.liveliness().declare_subscriber(f"{cluster.namespace}/{keys.ALL_ALIVE}", changes.put)
+    passed(cluster, far)
     tokens = [far.liveliness().declare_token(f"{cluster.namespace}/alive/{kind}/x/1") for kind in ("learner", "actor")]
     passed(cluster, far)
-    found = [str(changes.get().key_expr) for _ in range(changes.qsize())]
-    assert found == [f"{cluster.namespace}/alive/actor/x/1"] * (role == "actor")
+    if role == "actor":
+        assert str(changes.get(timeout=PATIENCE_S).key_expr) == f"{cluster.namespace}/alive/actor/x/1"
+    assert changes.empty()
     assert len(tokens) == 2
     watch.undeclare()
 
@@ -171,6 +174,7 @@ def test_a_role_holds_no_token_but_its_own(cluster, far, role):
 def test_no_role_reaches_another_namespace(cluster, far):
     came = []
     subscriber = cluster.near.declare_subscriber("**", lambda sample: came.append(sample.key_expr))
+    passed(cluster, far)
     far.put("railctl/0123456789ab/fragments", b"theirs")
     far.put("fragments", b"theirs")
     passed(cluster, far)
