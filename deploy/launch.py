@@ -138,13 +138,13 @@ def check_machine(config: RunConfig) -> None:
 
 
 def check_door(folder: RunFolder, config: RunConfig) -> None:
-    """See that other machines will find a run, of which a router may live, where it says.
+    """See that other machines will find a run where its configuration says, also if it is running already.
 
     Raises:
-        ConfigError, Failed: as `check_listening`, or the router lives and listens elsewhere.
+        ConfigError, Failed: as `check_listening`, or its router listens elsewhere as long as it lives.
     """
     before, now = folder.config().cluster, config.cluster
-    if "router" not in living(folder):
+    if not living(folder).keys() & {"supervisor", "router"}:
         check_listening(config)
     elif (before.listen, before.keys) != (now.listen, now.keys):
         name = folder.path.name

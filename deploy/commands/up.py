@@ -108,8 +108,9 @@ def prepare(name: str | None, given: dict[str, Any], base: Path = Path()) -> tup
         return new_run(name, config, own=own, base=base), config
     folder = RunFolder(runs_root() / name)
     config = resolve_existing(folder.config(), given, name, base)
-    check_door(folder, config)
-    if not supervised(folder):
+    if supervised(folder):
+        check_door(folder, config)
+    else:
         check_existing(folder, config)
         _prepare_levels(config)
         save_config(folder, config)
