@@ -607,3 +607,5 @@ def test_keys_are_found_from_wherever_the_run_goes_on(tmp_path, monkeypatch):
     assert saved.cluster.keys == str(tmp_path / "files" / "keys")
     assert resolve_existing(saved, {}, "one").cluster == saved.cluster
     assert resolve_existing(saved, given, "one").cluster.keys == str(tmp_path / "keys")
+    closed = parse_sets(["cluster.listen=null", "cluster.keys=null"])
+    assert resolve_existing(saved, closed, "one").cluster == resolve({}).cluster
