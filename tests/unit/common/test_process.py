@@ -61,6 +61,15 @@ print("ends", flush=True)
 """
 
 
+@pytest.fixture(autouse=True)
+def umask():
+    """That of whoever runs the tests: a service makes files that nobody else reads."""
+    before = os.umask(0)
+    os.umask(before)
+    yield
+    os.umask(before)
+
+
 @pytest.fixture
 def handlers():
     """The signal handlers, as they were."""
