@@ -21,18 +21,19 @@ from typing import Any, Generic, TypeVar
 
 import zenoh
 
+from common import sessions
 from common.inbox import Inbox
 from common.records.base import Record
+from common.sessions import Door
+from common.tls import Credentials
 from common.wire.codec import Refused, decode, encode, encoding_of
-from common.wire.keys import Alive, Service, Topic
+from common.wire.keys import Alive, Service, Topic, absolute
 
 A = TypeVar("A", bound=Record)
 B = TypeVar("B", bound=Record)
 
 log = logging.getLogger(__name__)
 
-LEASE_MS = 2000  # a silent peer's tokens vanish after this
-NO_TIMEOUT_MS = -1
 STRETCH_S = 0.1
 MAX_REASON_BYTES = 1000
 GRACE_S = 1.0  # zenoh itself ends a question at its time-out; this is for when it does not
@@ -290,7 +291,7 @@ class Bus:
                 log.exception("a message could not be handed on")  # the next one may be
 
     def _key(self, key: str) -> str:
-        return f"{self._namespace}/{key}"
+        return absolute(self._namespace, key)
 
     def _refuse(self, key: str, reason: Exception) -> None:
         self.refused += 1
@@ -313,31 +314,26 @@ def _refuse(query: Any, key: str, reason: str) -> None:
 
 @contextmanager
 def open_bus(
-    endpoint: str, namespace: str, connect_timeout_s: float | None = None, inbox: Inbox | None = None
+    endpoint: str,
+    namespace: str,
+    connect_timeout_s: float | None = None,
+    inbox: Inbox | None = None,
+    credentials: Credentials | None = None,
 ) -> Iterator[Bus]:
     """A client session of the router at `endpoint`, closed at the end; it reconnects by itself.
 
     Args:
-        endpoint: for example `unixsock-stream//tmp/railctl-1/router`.
+        endpoint: for example `unixsock-stream//tmp/railctl-1/router`, or `tls/node7:7447`.
         namespace: the run's own key prefix.
         connect_timeout_s: how long to wait for the router; none waits for ever.
         inbox: where the caller takes what arrives, see `Bus`.
+        credentials: what this process shows a router on another machine.
 
     Raises:
         NoAnswer: no router within `connect_timeout_s`.
     """
-    timeout_ms = NO_TIMEOUT_MS if connect_timeout_s is None else int(connect_timeout_s * 1000)
-    settings = {
-        "mode": "client",
-        "connect": {
-            "endpoints": [endpoint],
-            "timeout_ms": timeout_ms,
-            "exit_on_failure": connect_timeout_s is not None,
-            "retry": {"period_init_ms": 20, "period_max_ms": 500, "period_increase_factor": 1.5},
-        },
-    }
     try:
-        session = _open(settings)
+        session = _open(sessions.client(endpoint, connect_timeout_s, credentials))
     except zenoh.ZError as error:
         raise NoAnswer(f"no router at {endpoint}: {error}") from None
     bus = Bus(session, namespace, inbox)
@@ -348,37 +344,23 @@ def open_bus(
 
 
 @contextmanager
-def open_router(endpoint: str) -> Iterator[None]:
-    """A router that listens on `endpoint` and nowhere else, until the end of the block.
+def open_router(endpoint: str, door: Door | None = None) -> Iterator[None]:
+    """A router that listens on `endpoint`, at the door, if there is one, and nowhere else, until the end of the block.
 
     Raises:
-        OSError: the endpoint cannot be listened on.
+        OSError: it cannot listen there.
     """
-    settings = {"mode": "router", "listen": {"endpoints": [endpoint], "exit_on_failure": True}}
     try:
-        session = _open(settings)
+        session = _open(sessions.router(endpoint, door))
     except zenoh.ZError as error:
-        raise OSError(f"cannot listen on {endpoint}: {error}") from None
+        places = endpoint if door is None else f"{endpoint} and {door.listen}"
+        raise OSError(f"cannot listen on {places}: {error}") from None
     try:
         yield
     finally:
         session.close()
 
 
-def _open(settings: dict[str, Any]) -> Any:
+def _open(settings: sessions.Plain) -> Any:
     zenoh.init_log_from_env_or("error")
-    base: dict[str, Any] = {
-        "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        "transport": {
-            # A suspended reader was seen to get one message with the bytes of a later one.
-            "shared_memory": {"enabled": False},
-            "link": {
-                "tx": {
-                    "lease": LEASE_MS,
-                    # The default closes the transport, and loses all that is queued, after 5 s of congestion.
-                    "queue": {"congestion_control": {"block": {"wait_before_close": 30_000_000}}},
-                }
-            },
-        },
-    }
-    return zenoh.open(zenoh.Config.from_json5(json.dumps(base | settings)))
+    return zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))

@@ -8,13 +8,14 @@ those of the run, of its `WorldSpec`, and of its rule's settings.
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, Field, SerializeAsAny, ValidationError, model_validator
+from pydantic import BaseModel, Field, SerializeAsAny, ValidationError, field_validator, model_validator
 
 from common.bounded import parse_json
 from common.levels.distributions import ANY, LevelName
 from common.rules import rules, settings_of
 from common.rules.settings import Mode, RuleSettings
 from common.strict import ConfigError, Positive, Share, Strict, brief, describe, nearest, section_of, shortened
+from common.tls import host_and_port
 from common.world import WorldSpec, chosen_levels
 
 MAX_ACTORS = 256  # of one level
@@ -41,6 +42,23 @@ class ClusterConfig(Strict):
     hang_timeout_s: float = Field(default=60.0, ge=5, allow_inf_nan=False)  # silent for longer: killed, started anew
     max_restarts: int = Field(default=5, ge=0)  # of one process within `restart_window_s`
     restart_window_s: Positive = 120.0
+    listen: str | None = None  # for other machines, an address of TLS
+    keys: str | None = None  # the folder of the certificates by which they know each other
+
+    @field_validator("listen")
+    @classmethod
+    def _is_of_tls(cls, listen: str | None) -> str | None:
+        if listen is not None:
+            host_and_port(listen)
+        return listen
+
+    @model_validator(mode="after")
+    def _listens_with_keys(self) -> Self:
+        if self.listen is not None and self.keys is None:
+            raise ValueError(f"listen {self.listen} needs keys: add --keys DIR, as railctl keys create made it")
+        if self.listen is None and self.keys is not None:
+            raise ValueError(f"keys {self.keys} need an address: add --listen tls/0.0.0.0:7447")
+        return self
 
     @model_validator(mode="before")
     @classmethod

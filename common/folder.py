@@ -13,7 +13,9 @@ from common.config import MAX_ACTORS, RunConfig, parse_config
 from common.levels.distributions import LevelName
 from common.mapping_file import read_mapping
 from common.rules.settings import DEMONSTRATIONS_FILE, START_FILE
+from common.sessions import Door
 from common.strict import ConfigError, Strict
+from common.tls import Credentials
 
 Word = Annotated[str, Field(pattern=r"^\S+$", max_length=200)]
 
@@ -25,11 +27,13 @@ class Cluster(Strict):
         endpoint: where the run's router listens.
         namespace: the run's key prefix.
         actors: how many there are to be, by what they serve.
+        keys: the folder of the credentials of processes here, if the router is on another machine.
     """
 
     endpoint: Word | None = None
     namespace: Word | None = None
     actors: dict[LevelName, Annotated[int, Field(ge=0, le=MAX_ACTORS)]] | None = None
+    keys: Annotated[str, Field(min_length=1, max_length=4096)] | None = None
 
 
 class Outcome(Strict):
@@ -156,6 +160,18 @@ class RunFolder:
         if cluster.endpoint is None or cluster.namespace is None:
             raise NoAnswer(f"run {self.path.name} has no cluster: start one with railctl up")
         return cluster.endpoint, cluster.namespace
+
+    def credentials(self) -> Credentials | None:
+        """Of the processes here, if the run's router is on another machine."""
+        keys = self.cluster().keys
+        return None if keys is None else Credentials(Path(keys), "actor")
+
+    def door(self) -> Door | None:
+        """Where the run's router lets other machines in, if it does; raises as `endpoint_and_namespace`."""
+        cluster = self.config().cluster
+        if cluster.listen is None or cluster.keys is None:
+            return None
+        return Door(cluster.listen, self.endpoint_and_namespace()[1], Credentials(Path(cluster.keys), "host"))
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:

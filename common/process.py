@@ -1,5 +1,6 @@
 """What every process of a run shares: clean ends, a log, heartbeats, and a name that it has alone."""
 
+import ctypes
 import errno
 import gc
 import logging
@@ -23,7 +24,7 @@ from common.private import OTHERS
 from common.records.base import Role
 from common.records.heartbeats import Heartbeat, Report
 from common.strict import ConfigError
-from common.wire.keys import HEARTBEATS, Alive
+from common.wire.keys import FAR_HEARTBEATS, HEARTBEATS, Alive, Topic
 
 log = logging.getLogger(__name__)
 
@@ -32,6 +33,7 @@ STARTING = "starting"  # the state before the heavy imports, which take seconds 
 EXIT_FATAL = 3  # starting this process again cannot help: its supervisor stops the run and shows the last line
 EXIT_RUNS_ALREADY = 4  # another process has the name: its supervisor looks after that one instead
 STRETCH_S = 0.05
+PR_SET_PDEATHSIG = 1  # of Linux
 SWITCH_S = 0.0005  # a message that arrives while Python works is taken up after this, not after 5 ms
 OBJECTS_A_COLLECTION = 50_000  # the default, 700, has imports pass through all that is loaded over and over
 COMPILE_PATIENCE_S = 600.0  # a function that takes longer to compile, with all that it calls, hangs
@@ -64,13 +66,20 @@ class Stopping:
             time.sleep(min(left, STRETCH_S))
 
 
+def end_with_parent() -> None:
+    """Have the kernel send this process SIGTERM when the one that started it is gone, however it went."""
+    if ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGTERM):
+        raise OSError(ctypes.get_errno(), "prctl: the end of the parent cannot be watched")
+
+
 class HeartbeatPublisher:
     """Publishes a sign of life, at most one a second, from the process's own loop, or for it while that compiles."""
 
-    def __init__(self, bus: Bus, name: str, role: Role) -> None:
+    def __init__(self, bus: Bus, name: str, role: Role, topic: Topic[Heartbeat] = HEARTBEATS) -> None:
         self._bus = bus
         self._name = name
         self._role = role
+        self._topic = topic
         self._next = 0.0
         self._last_report: Report | None = None
 
@@ -102,7 +111,7 @@ class HeartbeatPublisher:
     def _publish(self, state: str) -> None:
         self._next = time.monotonic() + HEARTBEAT_EVERY_S
         self._bus.publish(
-            HEARTBEATS,
+            self._topic,
             Heartbeat(process=self._name, role=self._role, pid=os.getpid(), state=state, report=self._last_report),
         )
 
@@ -139,11 +148,14 @@ def join(
     """
     config = folder.config()
     endpoint, namespace = folder.endpoint_and_namespace()
+    credentials = folder.credentials()
+    if credentials is not None:
+        end_with_parent()  # nobody else on this machine would end it
     incarnation = uuid.uuid4().hex[:16]
     with ExitStack() as stack:
-        bus = stack.enter_context(open_bus(endpoint, namespace, inbox=inbox))
+        bus = stack.enter_context(open_bus(endpoint, namespace, inbox=inbox, credentials=credentials))
         bus.declare_alive(Alive(role, name, incarnation))
-        heartbeat = HeartbeatPublisher(bus, name, role)
+        heartbeat = HeartbeatPublisher(bus, name, role, HEARTBEATS if credentials is None else FAR_HEARTBEATS)
         stack.enter_context(around_compiling(heartbeat.while_compiling))
         heartbeat.beat(STARTING)
         log.info("%s started as process %d", name, os.getpid())

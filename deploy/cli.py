@@ -34,6 +34,10 @@ app = group(
             "deploy.commands.checkpoint:checkpoint",
             "Write a checkpoint and a snapshot now; the checkpoint is evaluated like any other.",
         ),
+        "join": Verb(
+            "deploy.commands.join:join_run",
+            "Act for a run on another machine, until it is trained or Ctrl-C; no folder of the run is needed here.",
+        ),
         "down": Verb(
             "deploy.commands.down:down",
             "Stop every process of a run; the learner writes a snapshot first, so that nothing is lost.",
@@ -58,6 +62,7 @@ app = group(
             "deploy.commands.bench:bench",
             "Measure ours beside others: same work, one process, one core; a ratio above 1 says that ours is better.",
         ),
+        "keys": Verb("deploy.commands.keys:app", "Make the keys by which the machines of a run know each other."),
         "levels": Verb("deploy.commands.levels:app", "List, build, show, verify, import and export levels."),
         "study": Verb(
             "deploy.commands.study:app", "Plan, run, watch and report on studies: many runs that are compared."

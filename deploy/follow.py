@@ -102,8 +102,7 @@ def _unsupervised(name: str, pid: int) -> ProcessStatus:
 class Rows:
     """The rows of a running run: all of history, then what comes, each once and in order."""
 
-    def __init__(self, folder: RunFolder, bus: Bus) -> None:
-        self._folder = folder
+    def __init__(self, bus: Bus) -> None:
         self._bus = bus
         self._seen: dict[History, int] = {keys.EPISODE_HISTORY: 0, keys.EVALUATION_HISTORY: 0}
         self._fresh: queue.SimpleQueue[Callable[[], Iterable[Row]]] = queue.SimpleQueue()
@@ -125,9 +124,9 @@ class Rows:
         except queue.Empty:
             return []
 
-    def rest(self) -> Iterator[Row]:
-        """What is still missing when the cluster is gone, from the files."""
-        return rows_from_files(self._folder, *self._seen.values())
+    def rest(self, folder: RunFolder) -> Iterator[Row]:
+        """What is still missing when the cluster is gone, from the run's files."""
+        return rows_from_files(folder, *self._seen.values())
 
     def _on_episode(self, row: EpisodeRow) -> Iterable[Row]:
         if row.episode < self._seen[keys.EPISODE_HISTORY]:

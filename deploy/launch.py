@@ -3,6 +3,7 @@
 import os
 import re
 import shutil
+import socket
 import subprocess
 import time
 import uuid
@@ -27,6 +28,8 @@ from common.rows import DamagedRows, each_row
 from common.rules.settings import DEMONSTRATIONS_FILE, START_FILE
 from common.snapshots import check_history, newest_snapshot
 from common.strict import ConfigError, shortened
+from common.tls import Credentials, host_and_port
+from deploy.certificates import check as check_credentials
 from deploy.demonstrations import copy_demonstrations
 from deploy.plan import ENVIRONMENT
 from deploy.runs import Failed, runs_root, supervised, without_configuration
@@ -114,6 +117,7 @@ def check_new(name: str, config: RunConfig, root: Path | None = None) -> None:
     if path.exists():
         raise without_configuration(path)
     check_machine(config)
+    check_listening(config)
 
 
 def check_name(name: str) -> None:
@@ -130,6 +134,7 @@ def check_existing(folder: RunFolder, config: RunConfig) -> None:
             read, or the newest is of another configuration or of rows that are not there.
     """
     check_machine(config)
+    check_door(folder, config)
     if not os.access(folder.path, os.W_OK):
         raise Failed(f"cannot write to {folder.path}: make it writable, or copy the run to another folder")
     try:
@@ -151,6 +156,42 @@ def check_machine(config: RunConfig) -> None:
     cores = len(os.sched_getaffinity(0))
     if config.cluster.cores > cores:
         raise Failed(f"cluster.cores is {config.cluster.cores} and this machine offers {cores}: use --cores {cores}")
+
+
+def check_door(folder: RunFolder, config: RunConfig) -> None:
+    """See that other machines will find a run where its configuration says, also if it is running already.
+
+    Raises:
+        ConfigError, Failed: as `check_listening`, or its router listens elsewhere as long as it lives.
+    """
+    before, now = folder.config().cluster, config.cluster
+    if not living(folder).keys() & {"supervisor", "router"}:
+        check_listening(config)
+    elif (before.listen, before.keys) != (now.listen, now.keys):
+        name = folder.path.name
+        raise Failed(f"run {name} is running, and its router listens elsewhere: railctl down {name} first")
+
+
+def check_listening(config: RunConfig) -> None:
+    """See that a router can listen for other machines, if it shall.
+
+    Raises:
+        ConfigError: a file of its keys cannot be used.
+        Failed: it cannot listen there.
+    """
+    listen, folder = config.cluster.listen, config.cluster.keys
+    if listen is None or folder is None:
+        return
+    check_credentials(Credentials(Path(folder), "host"))
+    host, port = host_and_port(listen)
+    try:
+        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the router does
+            probe.bind(address)
+    except OSError as error:
+        remedy = "give a free port, and 0.0.0.0 or an address of this machine"
+        raise Failed(f"cluster.listen {listen}: {error.strerror}: {remedy}") from None
 
 
 def save_config(folder: RunFolder, config: RunConfig) -> None:

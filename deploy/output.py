@@ -5,6 +5,7 @@ import json
 import sys
 from collections.abc import Callable
 from functools import wraps
+from pathlib import Path
 from typing import Annotated, Any, NoReturn, ParamSpec
 
 import typer
@@ -28,6 +29,11 @@ LONGEST_LINE = 2000  # characters
 NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.ENOENT, errno.EEXIST)
 
 RunName = Annotated[str | None, typer.Argument(metavar="RUN", help="Name or folder of the run; default: the newest.")]
+RunOrAddress = Annotated[
+    str | None,
+    typer.Argument(metavar="RUN", help="Name, folder or address (tls/node7:7447) of the run; default: the newest."),
+]
+Keys = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of keys, for the address of a run.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 
 

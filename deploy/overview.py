@@ -1,7 +1,7 @@
 """What `railctl status` shows, put together from the supervisor's wards and the last heartbeats. Pure."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from common.config import RunConfig
 from common.folder import RunFolder
@@ -38,8 +38,15 @@ def _learner(beats: Beats) -> LearnerReport | None:
     return report if isinstance(report, LearnerReport) else None
 
 
-def overview(folder: RunFolder, config: RunConfig, mind: Supervisor, pids: Mapping[str, int], beats: Beats) -> Status:
-    """The state of a run and of all its processes."""
+def overview(  # noqa: PLR0913  (all that is known)
+    folder: RunFolder,
+    config: RunConfig,
+    mind: Supervisor,
+    pids: Mapping[str, int],
+    beats: Beats,
+    joined: Sequence[ProcessStatus] = (),
+) -> Status:
+    """The state of a run and of all its processes; those that have `joined` are on other machines."""
     progress = progress_of(config, beats)
     left = None
     if progress is not None and progress.episodes_per_s > 0:
@@ -53,8 +60,8 @@ def overview(folder: RunFolder, config: RunConfig, mind: Supervisor, pids: Mappi
         supervisor_pid=os.getpid(),
         progress=progress,
         time_left_s=left,
-        problems=[text[:4000] for text in [*mind.problems[-90:], *_concerns(mind, progress, beats)]],
-        processes=_processes(mind, pids, beats),
+        problems=[text[:4000] for text in [*mind.problems[-90:], *_concerns(mind, progress, beats, joined)]],
+        processes=[*_processes(mind, pids, beats), *joined],
     )
 
 
@@ -68,9 +75,10 @@ def _state(config: RunConfig, mind: Supervisor, progress: Progress | None, beats
     return "paused" if beats["learner"][0].state == "paused" else "running"
 
 
-def _concerns(mind: Supervisor, progress: Progress | None, beats: Beats) -> list[str]:
+def _concerns(mind: Supervisor, progress: Progress | None, beats: Beats, joined: Sequence[ProcessStatus]) -> list[str]:
     concerns = []
     served = {ward.spec.serves for ward in mind.wards.values() if ward.spec.role == "actor"}
+    served |= {process.serves for process in joined}
     for level, count in (progress.waiting if progress else {}).items():
         if count and level not in served and "any" not in served:
             concerns.append(f"{count} {level} episodes wait and no actor serves {level}: railctl scale RUN {level}=1")

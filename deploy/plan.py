@@ -33,14 +33,17 @@ class ProcessSpec:
         return command
 
 
-def actors(counts: Mapping[str, int]) -> list[ProcessSpec]:
-    """The actors for these counts; scaling keeps the names of those that stay.
+def actors(counts: Mapping[str, int], host: str = "") -> list[ProcessSpec]:
+    """The actors for these counts; scaling keeps the names of those that stay. On another machine they bear its name.
 
     >>> [spec.name for spec in actors({"easy": 2})]
     ['actor-easy-0', 'actor-easy-1']
+    >>> [spec.name for spec in actors({"easy": 1}, "node7")]
+    ['actor-node7-easy-0']
     """
+    stem = f"actor-{host}" if host else "actor"
     return [
-        ProcessSpec(f"actor-{serves}-{index}", "actor", serves)
+        ProcessSpec(f"{stem}-{serves}-{index}", "actor", serves)
         for serves, count in counts.items()
         for index in range(count)
     ]

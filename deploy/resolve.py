@@ -60,6 +60,7 @@ def resolve(given: Plain, base: Path = Path()) -> RunConfig:
     rule = str(given.get("rule", preset["rule"]))
     given = spelled_out(given, rule)
     check_sections(given, rule)
+    given = _with_keys_found(given, base)
     own, mix = given.get("levels", {}), given.get("mix", {"easy": 1.0})
     chosen = chosen_levels(mix, own)
     check_levels(own)
@@ -105,6 +106,7 @@ def resolve_existing(saved: RunConfig, given: Plain, name: str, base: Path = Pat
     """
     given = spelled_out(upgraded(given), saved.rule)
     check_sections(given, saved.rule)
+    given = _with_keys_found(given, base)
     _check_kinds(saved, given, name)
     kept = saved.plain()
     if "levels" in given:
@@ -122,6 +124,14 @@ def resolve_existing(saved: RunConfig, given: Plain, name: str, base: Path = Pat
         if before.get(field) != now.get(field):
             raise _another_run(name, f"{field} {before.get(field)}", str(now.get(field)))
     return config
+
+
+def _with_keys_found(given: Plain, base: Path) -> Plain:
+    """The same, and whoever reads it from another folder finds the keys."""
+    cluster = given.get("cluster", {})
+    if not isinstance(keys := cluster.get("keys"), str):
+        return given
+    return given | {"cluster": cluster | {"keys": str((base / keys).absolute())}}
 
 
 def _beginnings(saved: RunConfig, given: Plain, base: Path, name: str) -> Plain:

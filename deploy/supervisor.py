@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Literal
 
+from common.config import ClusterConfig
 from common.process import EXIT_FATAL
 from common.records.rows import EventKind
 from deploy.plan import ProcessSpec
@@ -29,6 +30,11 @@ class Limits:
     hang_timeout_s: float
     max_restarts: int
     restart_window_s: float
+
+    @classmethod
+    def of(cls, cluster: ClusterConfig) -> "Limits":
+        """Those of a configuration."""
+        return cls(cluster.hang_timeout_s, cluster.max_restarts, cluster.restart_window_s)
 
 
 # Events

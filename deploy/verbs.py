@@ -57,6 +57,7 @@ def group(text: str, verbs: Mapping[str, Verb]) -> typer.Typer:
         no_args_is_help=True,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
+    app.callback()(_only_named)  # a group of one verb would else be that verb
     for name, verb in verbs.items():
         app.command(name, help=verb.line)(_only_named)
     return app

@@ -52,7 +52,7 @@ def _in_terminal(folder: RunFolder, bus: Bus) -> None:
     evaluations: list[EvaluationRow] = []
     with Live(console=console, refresh_per_second=4, transient=True) as live:
         live.update(Text("starting ..."))
-        rows = Rows(folder, bus)
+        rows = Rows(bus)
 
         def show() -> None:
             live.update(view(live_status(bus), evaluations))
@@ -61,7 +61,7 @@ def _in_terminal(folder: RunFolder, bus: Bus) -> None:
 
 
 def _in_lines(folder: RunFolder, bus: Bus) -> None:
-    rows = Rows(folder, bus)
+    rows = Rows(bus)
     _loop(
         folder,
         rows,

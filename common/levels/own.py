@@ -42,7 +42,7 @@ class ReadLevels:
     def save(self, folder: Path, name: str) -> Path:
         """Copy all levels into a folder, where `OwnLevels` finds them; returns the file."""
         folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f"{name}.npz"
+        path = _file(folder, name)
         files.save(path, _groups(TRAINING, self.training) | _groups(EVALUATION, self.evaluation))
         return path
 
@@ -66,7 +66,7 @@ class OwnLevels:
         Raises:
             ConfigError: it is not there, or not what the run began with.
         """
-        path = folder / f"{name}.npz"
+        path = _file(folder, name)
         try:
             groups = files.load(path)
         except LevelFileError as error:
@@ -90,6 +90,11 @@ class OwnLevels:
             count = len(self.evaluation_levels)
             raise ConfigError(f"levels.{self.name} has {count} evaluation levels: there is none of index {index}")
         return self.evaluation_levels[index]
+
+
+def own_copy(run: Path, name: str) -> Path:
+    """The file of a run with its copy of the levels of a distribution."""
+    return _file(run / LEVELS, name)
 
 
 def read_level_files(name: str, spec: LevelFiles, base: Path) -> ReadLevels:
@@ -171,6 +176,10 @@ def digest_of(training: Iterable[Level], evaluation: Iterable[Level], spec: Leve
     lines: list[str] = [spec.rules]
     lines += [f"{side} {level.content_hash}" for side, some in ((0, training), (1, evaluation)) for level in some]
     return hashlib.blake2b("\n".join(lines).encode(), digest_size=8).hexdigest()
+
+
+def _file(folder: Path, name: str) -> Path:
+    return folder / f"{name}.npz"
 
 
 def _read_all(name: str, key: str, patterns: Iterable[str], base: Path) -> tuple[list[Level], list[str]]:

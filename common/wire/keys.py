@@ -1,13 +1,18 @@
-"""Every key of a run, relative to the run's namespace. A channel ties its key to the records that travel on it."""
+"""Every key of a run, relative to the run's namespace. A channel ties its key to the records that travel on it.
+
+Only `RUN` is outside: who asks it does not know the run yet.
+"""
 
 from dataclasses import dataclass
 from typing import Generic, NamedTuple, TypeVar
 
-from common.records import acting, checkpoints, control, heartbeats, rows
+from common.records import acting, checkpoints, control, heartbeats, joining, rows
 from common.records.base import Record
 
 A = TypeVar("A", bound=Record)
 B = TypeVar("B", bound=Record)
+
+ROOT = "railctl"  # all namespaces begin with it
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,7 @@ EPISODE_ROWS = Topic("rows/episodes", rows.EpisodeRow)
 EVALUATION_ROWS = Topic("rows/evaluations", rows.EvaluationRow)
 CHECKPOINTS = Topic("checkpoints", checkpoints.CheckpointNotice)
 HEARTBEATS = Topic("heartbeats", heartbeats.Heartbeat)
+FAR_HEARTBEATS = Topic("heartbeats/far", heartbeats.Heartbeat)  # of actors on other machines: only status believes them
 
 LEASE = Service("lease", acting.LeaseRequest, acting.LeaseAnswer)
 PULL_WEIGHTS = Service("pull/weights", acting.WeightsRequest, acting.Weights)
@@ -43,8 +49,19 @@ COMMAND_LEARNER = Service("command/learner", control.LearnerCommand, control.Com
 STATUS = Service("command/status", control.Empty, control.Status)
 SCALE = Service("command/scale", control.ScaleRequest, control.CommandAnswer)
 STOP = Service("command/stop", control.Empty, control.CommandAnswer)
+RUN = Service(f"{ROOT}/run", control.Empty, joining.RunIntroduction)
+PULL_LEVELS = Service("pull/levels", joining.LevelsRequest, joining.LevelFileCopy)
 
 ALL_ALIVE = "alive/*/*/*"
+
+
+def absolute(namespace: str, key: str) -> str:
+    """A key as it is on the wire.
+
+    >>> absolute("railctl/9f3c", "lease"), absolute("railctl/9f3c", RUN.key)
+    ('railctl/9f3c/lease', 'railctl/run')
+    """
+    return key if key.startswith(f"{ROOT}/") else f"{namespace}/{key}"
 
 
 class Alive(NamedTuple):

@@ -4,10 +4,12 @@ from typing import Annotated
 
 import typer
 
+from common.bus import Bus
 from common.folder import RunFolder
 from common.records.control import ScaleRequest
-from common.wire import keys
-from deploy.output import AsJson, one_line_errors, say
+from common.wire.keys import SCALE
+from deploy.far import place_of, reach_far
+from deploy.output import AsJson, Keys, one_line_errors, say
 from deploy.resolve import parse_actors
 from deploy.runs import Failed, find_run, reach
 
@@ -16,12 +18,19 @@ TIMEOUT_S = 5.0
 
 @one_line_errors
 def scale(
-    run: Annotated[str, typer.Argument(metavar="RUN", help="Name or folder of the run.")],
+    run: Annotated[str, typer.Argument(metavar="RUN", help="Name, folder or address of the run.")],
     counts: Annotated[list[str], typer.Argument(metavar="LEVEL=COUNT", help="For example easy=3 hard=1.")],
+    keys: Keys = None,
     as_json: AsJson = False,
 ) -> None:
     """Change how many actors serve each level; those not named stay as they are."""
-    text = scale_to(find_run(run), parse_actors(",".join(counts)))
+    wanted = parse_actors(",".join(counts))
+    place = place_of(run, keys, "operator")
+    if place is None:
+        text = scale_to(find_run(run), wanted)
+    else:
+        with reach_far(*place) as (bus, _):
+            text = ask_to_scale(bus, wanted)
     say(text, {"done": True, "text": text}, as_json=as_json)
 
 
@@ -33,7 +42,12 @@ def scale_to(folder: RunFolder, counts: dict[str, int]) -> str:
         NoAnswer: it is not there.
     """
     with reach(folder) as bus:
-        answer = bus.ask(keys.SCALE, ScaleRequest(actors=counts), TIMEOUT_S)
+        return ask_to_scale(bus, counts)
+
+
+def ask_to_scale(bus: Bus, counts: dict[str, int]) -> str:
+    """The same, over a bus; raises as `scale_to`."""
+    answer = bus.ask(SCALE, ScaleRequest(actors=counts), TIMEOUT_S)
     if not answer.done:
         raise Failed(answer.text)
     return answer.text

@@ -3,9 +3,12 @@
 import json
 
 from common.bus import NoAnswer
+from common.folder import RunFolder
+from common.records.control import Status
 from deploy.events import last_events
+from deploy.far import place_of, reach_far
 from deploy.follow import live_status, status_from_files
-from deploy.output import AsJson, RunName, console, one_line_errors, print_table
+from deploy.output import AsJson, Keys, RunOrAddress, console, one_line_errors, print_table
 from deploy.runs import find_run, reach
 from deploy.show import event_line, process_table, progress_line
 
@@ -13,15 +16,15 @@ SHOWN_EVENTS = 5
 
 
 @one_line_errors
-def status(run: RunName = None, as_json: AsJson = False) -> None:
+def status(run: RunOrAddress = None, keys: Keys = None, as_json: AsJson = False) -> None:
     """Show a run's progress, its processes (role, level, pid, state, restarts, last heartbeat) and last events."""
-    folder = find_run(run)
-    try:
-        with reach(folder) as bus:
-            found = live_status(bus)
-    except NoAnswer:
-        found = status_from_files(folder)
-    events = last_events(folder, SHOWN_EVENTS)
+    place = place_of(run, keys, "reader", "operator")
+    if place is None:
+        folder = find_run(run)
+        found, events = _near(folder), last_events(folder, SHOWN_EVENTS)
+    else:
+        with reach_far(*place) as (bus, _):
+            found, events = live_status(bus), []  # they are written down where the run is
     if as_json:
         document = found.model_dump(mode="json") | {"events": [event.model_dump(mode="json") for event in events]}
         print(json.dumps(document, indent=2))
@@ -33,3 +36,11 @@ def status(run: RunName = None, as_json: AsJson = False) -> None:
         console.print(f"! {problem}", markup=False, soft_wrap=True)
     for event in events:
         console.print(event_line(event), markup=False, soft_wrap=True)
+
+
+def _near(folder: RunFolder) -> Status:
+    try:
+        with reach(folder) as bus:
+            return live_status(bus)
+    except NoAnswer:
+        return status_from_files(folder)

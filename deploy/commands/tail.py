@@ -1,15 +1,18 @@
 """railctl tail: every row of a run, from the first on, as it comes."""
 
+import sys
 from collections.abc import Iterable
 from typing import Annotated
 
 import typer
 
 from common.bus import NoAnswer
+from common.folder import RunFolder
 from common.locks import living
 from common.records.rows import EpisodeRow, EvaluationRow
+from deploy.far import Place, place_of, reach_far
 from deploy.follow import Rows, rows_from_files
-from deploy.output import RunName, console, one_line_errors
+from deploy.output import Keys, RunOrAddress, console, one_line_errors
 from deploy.runs import find_run, reach
 from deploy.show import row_line
 
@@ -19,20 +22,40 @@ Lines = Annotated[bool, typer.Option("--json", help="Print a JSON document a lin
 
 
 @one_line_errors
-def tail(run: RunName = None, as_json: Lines = False) -> None:
+def tail(run: RunOrAddress = None, keys: Keys = None, as_json: Lines = False) -> None:
     """Follow a run's episodes and evaluations, with full history, until it ends."""
-    folder = find_run(run)
+    place = place_of(run, keys, "reader", "operator")
+    try:
+        if place is None:
+            _follow(find_run(run), as_json=as_json)
+        else:
+            _follow_far(place, as_json=as_json)
+    except KeyboardInterrupt:
+        pass
+
+
+def _follow(folder: RunFolder, *, as_json: bool) -> None:
     try:
         with reach(folder) as bus:
-            rows = Rows(folder, bus)
+            rows = Rows(bus)
             _print(rows.history(), as_json=as_json)
             while living(folder):
                 _print(rows.next(WAIT_S), as_json=as_json)
-            _print(rows.rest(), as_json=as_json)
+            _print(rows.rest(folder), as_json=as_json)
     except NoAnswer:
         _print(rows_from_files(folder), as_json=as_json)
-    except KeyboardInterrupt:
-        pass
+
+
+def _follow_far(place: Place, *, as_json: bool) -> None:
+    """As long as there is a link: the end of a run and a cut look alike from here."""
+    with reach_far(*place) as (bus, _):
+        rows = Rows(bus)
+        _print(rows.history(), as_json=as_json)
+        while bus.connected():
+            _print(rows.next(WAIT_S), as_json=as_json)
+        while fresh := rows.next(0.0):
+            _print(fresh, as_json=as_json)
+    print(f"railctl: no link to {place.address} any more: the run has ended, or tail it again", file=sys.stderr)
 
 
 def _print(rows: Iterable[EpisodeRow | EvaluationRow], *, as_json: bool) -> None:

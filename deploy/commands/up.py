@@ -13,7 +13,16 @@ from common.records.rows import EpisodeRow, EvaluationRow
 from common.rows import read_rows
 from deploy.commands.scale import scale_to
 from deploy.follow import outcome_of
-from deploy.launch import check_existing, check_name, check_new, fresh_name, new_run, save_config, start_supervisor
+from deploy.launch import (
+    check_door,
+    check_existing,
+    check_name,
+    check_new,
+    fresh_name,
+    new_run,
+    save_config,
+    start_supervisor,
+)
 from deploy.levels import prepare_levels, read_own
 from deploy.output import console, counted, one_line_errors, print_table
 from deploy.resolve import algorithms, merge, parse_actors, parse_sets, read_file, resolve, resolve_existing
@@ -41,6 +50,10 @@ def up(
     lag: Annotated[int | None, typer.Option(help="Episodes that run ahead of training; default: 0.")] = None,
     cores: Annotated[int | None, typer.Option(help="Cores that all processes share; default: 2.")] = None,
     engine: Annotated[str | None, typer.Option(help="Of the worlds, compiled or flatland; default: compiled.")] = None,
+    listen: Annotated[
+        str | None, typer.Option(help="Where other machines join, as tls/0.0.0.0:7447; needs --keys.")
+    ] = None,
+    keys: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder that railctl keys create made.")] = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", help="Any setting, as dqn.batch_size=64; may be repeated.")
     ] = None,
@@ -56,7 +69,12 @@ def up(
         "seed": seed,
         "lag": lag,
         "engine": engine,
-        "cluster": {"actors": parse_actors(actors) if actors else None, "cores": cores},
+        "cluster": {
+            "actors": parse_actors(actors) if actors else None,
+            "cores": cores,
+            "listen": listen,
+            "keys": None if keys is None else str(keys.absolute()),
+        },
     }
     if level is not None:
         given.pop("mix", None)  # options go before the file
@@ -101,7 +119,9 @@ def prepare(name: str | None, given: dict[str, Any], base: Path = Path()) -> tup
         return new_run(name, config, own=own, base=base), config
     folder = RunFolder(runs_root() / name)
     config = resolve_existing(folder.config(), given, name, base)
-    if not supervised(folder):
+    if supervised(folder):
+        check_door(folder, config)
+    else:
         check_existing(folder, config)
         _prepare_levels(config)
         save_config(folder, config)

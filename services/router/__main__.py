@@ -1,4 +1,4 @@
-"""The router: every other process is its client. It listens where the run's cluster file says."""
+"""The router: every other process is its client. Where it listens, the run's cluster file and configuration say."""
 
 import argparse
 from pathlib import Path
@@ -18,7 +18,11 @@ def main() -> None:
     endpoint, _ = folder.endpoint_and_namespace()
     stopping = Stopping()
     # The name comes before the port: a second router gives way to the first instead of failing.
-    with sole(folder, "router"), open_router(endpoint), join(folder, "router", "router", stopping) as context:
+    with (
+        sole(folder, "router"),
+        open_router(endpoint, folder.door()),
+        join(folder, "router", "router", stopping) as context,
+    ):
         while not context.stopping.asked:
             context.heartbeat.beat("routing")
             context.stopping.wait(LOOK_S)

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Literal
@@ -69,8 +69,16 @@ class Clusters:
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
         """Start a command that goes on."""
+        return self.start_by((), *arguments)
+
+    def start_by(self, before: Sequence[str], *arguments: str) -> subprocess.Popen[str]:
+        """The same, by a command that starts others."""
         process = subprocess.Popen(
-            [RAILCTL, *arguments], env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            [*before, RAILCTL, *arguments],
+            env=self.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
         )
         self._started.append(process)
         return process

@@ -134,6 +134,17 @@ def complaint(data):
         ("fragment_steps", 0, "fragment_steps: input should be greater than or equal to 1, not 0"),
         ("cluster.cores", 0, "cluster.cores: input should be greater than or equal to 1, not 0"),
         ("cluster.hang_timeout_s", 0, "cluster.hang_timeout_s: input should be greater than or equal to 5, not 0"),
+        (
+            "cluster.listen",
+            "tcp/0.0.0.0:1",
+            "cluster.listen: 'tcp/0.0.0.0:1' is not tls/HOST:PORT: write for example tls/0.0.0.0:7447",
+        ),
+        (
+            "cluster.listen",
+            "tls/0.0.0.0:1",
+            "cluster: listen tls/0.0.0.0:1 needs keys: add --keys DIR, as railctl keys create made it",
+        ),
+        ("cluster.keys", "keys", "cluster: keys keys need an address: add --listen tls/0.0.0.0:7447"),
         ("cluster.actors.easy", 257, "cluster.actors.easy: input should be less than or equal to 256, not 257"),
         ("cluster.actors.esy", 1, "actors for level esy, which this run does not have: it has easy"),
         (
@@ -261,6 +272,8 @@ def test_in_files_all_keys_stand_side_by_side():
             "hang_timeout_s": 60.0,
             "max_restarts": 5,
             "restart_window_s": 120.0,
+            "listen": None,
+            "keys": None,
         },
     }
 
@@ -277,7 +290,9 @@ def test_a_configuration_cannot_be_changed():
 
 def test_science_is_everything_but_the_cluster_and_the_engine():
     config = parse_config(plain())
-    other_cluster = parse_config(plain({"cluster": {"actors": {"any": 7}, "cores": 1, "snapshot_every_episodes": 3}}))
+    other_cluster = parse_config(
+        plain({"cluster": {"actors": {"any": 7}, "cores": 1, "listen": "tls/0.0.0.0:1", "keys": "k"}})
+    )
     assert other_cluster.science == config.science
     assert parse_config(plain({"engine": "flatland"})).science == parse_config(plain({"engine": "compiled"})).science
     assert set(config.science) == set(config.plain()) - {"cluster", "engine"}
@@ -308,6 +323,7 @@ def test_no_more_evaluation_levels_than_are_kept_from_training():
 
 # Keys of sections that are newer, with values that change nothing:
 LATER = {
+    "cluster": {"listen": None, "keys": None},
     "dqn": {"target_every": "update", "transitions": "span"},
     "ppo": {"advantages": "standardised", "anchor_weight": 0.0, "returns": "scaled"},
     "replay": {"alpha_end": None},

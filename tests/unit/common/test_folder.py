@@ -1,6 +1,8 @@
 """A run's folder: where things lie, and what a missing or wrong file is called."""
 
+import json
 import os
+from pathlib import Path
 
 import pytest
 import yaml
@@ -8,7 +10,9 @@ import yaml
 from common.bus import NoAnswer
 from common.config import parse_config
 from common.folder import Cluster, Outcome, RunFolder, write_atomically
+from common.sessions import Door
 from common.strict import ConfigError
+from common.tls import Credentials
 
 CONFIG = {
     "algorithm": "dddqn",
@@ -75,6 +79,23 @@ def test_a_run_without_a_cluster_says_how_to_start_one(folder, text):
 def test_where_the_cluster_is(folder):
     folder.cluster_file.write_text('{"endpoint": "tcp/127.0.0.1:1", "namespace": "railctl/1", "actors": {"easy": 1}}')
     assert folder.endpoint_and_namespace() == ("tcp/127.0.0.1:1", "railctl/1")
+
+
+def test_only_who_has_joined_from_elsewhere_shows_credentials(folder):
+    cluster = {"endpoint": "tls/node7:7447", "namespace": "railctl/1"}
+    folder.cluster_file.write_text(json.dumps(cluster))
+    assert folder.credentials() is None
+    folder.cluster_file.write_text(json.dumps(cluster | {"keys": "/keys"}))
+    assert folder.credentials() == Credentials(Path("/keys"), "actor")
+
+
+def test_a_run_has_a_door_if_it_listens_for_other_machines(folder):
+    folder.cluster_file.write_text('{"endpoint": "unixsock-stream//tmp/a/router", "namespace": "railctl/1"}')
+    folder.config_file.write_text(yaml.safe_dump(CONFIG))
+    assert folder.door() is None
+    listening = {"cluster": CONFIG["cluster"] | {"listen": "tls/0.0.0.0:7447", "keys": "/keys"}}
+    folder.config_file.write_text(yaml.safe_dump(CONFIG | listening))
+    assert folder.door() == Door("tls/0.0.0.0:7447", "railctl/1", Credentials(Path("/keys"), "host"))
 
 
 def test_a_file_is_replaced_in_one_step(tmp_path, monkeypatch):

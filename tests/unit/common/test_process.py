@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import threading
+import time
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -58,6 +59,15 @@ print("asked" if stopping.asked else "nobody asked", flush=True)
 stopping.wait(600)
 print("ends", flush=True)
 """
+
+
+@pytest.fixture(autouse=True)
+def umask():
+    """That of whoever runs the tests: a service makes files that nobody else reads."""
+    before = os.umask(0)
+    os.umask(before)
+    yield
+    os.umask(before)
 
 
 @pytest.fixture
@@ -290,3 +300,50 @@ def test_a_place_needs_a_configuration_and_a_cluster(tmp_path, handlers):
     ):
         pass
     assert holder(folder, "learner") is None
+
+
+def test_an_actor_on_another_machine_beats_where_only_the_status_believes_it(run, handlers, monkeypatch):
+    watched = []
+    monkeypatch.setattr(process, "end_with_parent", lambda: watched.append(True))
+    cluster = json.loads(run.cluster_file.read_text())
+    run.cluster_file.write_text(
+        json.dumps(cluster | {"keys": "keys"})
+    )  # which a socket of this machine does not ask for
+    beats = {topic.key: SimpleQueue() for topic in (keys.HEARTBEATS, keys.FAR_HEARTBEATS)}
+    with open_bus(*run.endpoint_and_namespace(), PATIENCE_S) as watcher:
+        for topic in (keys.HEARTBEATS, keys.FAR_HEARTBEATS):
+            watcher.subscribe(topic, beats[topic.key].put)
+        with service_context(run, "actor-node7-easy-0", "actor") as place:
+            until_heard(place, beats["heartbeats/far"])
+    assert beats["heartbeats"].empty()
+    assert watched  # nobody else on its machine would end it
+
+
+def until_heard(place, beats):
+    """Its first heartbeat may come before anybody is known to listen."""
+    deadline = time.monotonic() + PATIENCE_S
+    while beats.empty():
+        place.heartbeat.beat("waiting for work", now=True)
+        assert time.monotonic() < deadline
+
+
+PARENT = """
+import subprocess, sys
+subprocess.Popen(sys.argv[1:])
+sys.stdin.read()
+"""
+CHILD = """
+import signal
+from common.process import end_with_parent
+end_with_parent()
+print("ready", flush=True)
+signal.pause()
+"""
+
+
+def test_who_ends_with_its_parent_ends_however_that_goes():
+    command = [*PYTHON, "-c", PARENT, *PYTHON, "-c", CHILD]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout.readline() == "ready\n"
+        parent.kill()
+        assert parent.stdout.read() == ""  # which the child holds open as long as it lives

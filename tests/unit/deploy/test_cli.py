@@ -646,6 +646,12 @@ def test_up_on_a_running_run_scales_it(cluster):
     assert cluster[0].actors == {"easy": 2}
 
 
+def test_up_on_a_running_run_opens_no_door(cluster, root):
+    text = complaint(FAILED, "up", "--name", "one", "--detach", "--listen", "tls/127.0.0.1:1", "--keys", "keys")
+    assert text == "run one is running, and its router listens elsewhere: railctl down one first"
+    assert "listen: null" in (root / "one" / "config.yaml").read_text()
+
+
 def test_a_tail_of_a_running_run_has_history_and_ends_with_it(cluster, monkeypatch):
     monkeypatch.setattr("deploy.commands.tail.living", lambda _folder: {})
     assert len(output("tail", "one").splitlines()) == 2

@@ -42,7 +42,7 @@ def spoken(text):
 
 def unknown(words):
     """What is wrong with a command's words, if anything."""
-    path = tuple(words[:2]) if words[:1] in (["levels"], ["study"]) else tuple(words[:1])
+    path = tuple(words[:2]) if words[:1] in (["keys"], ["levels"], ["study"]) else tuple(words[:1])
     wrong = []
     for verb in path[-1].split("|"):
         command = COMMANDS.get((*path[:-1], verb))

@@ -118,18 +118,18 @@ def follow(rows):
 
 
 def test_history_comes_whole_and_in_order(folder):
-    rows = Rows(folder, Wire(7, evaluations=[2, 4]))
+    rows = Rows(Wire(7, evaluations=[2, 4]))
     assert names(rows.history()) == [0, 1, "after 2", 2, 3, "after 4", 4, 5, 6]
 
 
 def test_a_history_of_many_evaluations_comes_whole_too(folder):
-    rows = Rows(folder, Wire(9, evaluations=range(1, 9)))
+    rows = Rows(Wire(9, evaluations=range(1, 9)))
     assert [row.episode for row in rows.history() if isinstance(row, EvaluationRow)] == list(range(1, 9))
 
 
 def test_a_history_that_no_memory_would_hold_comes_bit_by_bit(folder):
     wire = Wire(7)
-    history = Rows(folder, wire).history()
+    history = Rows(wire).history()
     assert names([next(history)]) == [0]
     wire.away = True
     assert names(history) == list(range(1, CHUNK))  # what came with it; nobody has asked for more
@@ -137,7 +137,7 @@ def test_a_history_that_no_memory_would_hold_comes_bit_by_bit(folder):
 
 def test_what_comes_later_comes_once(folder):
     wire = Wire(2)
-    rows = Rows(folder, wire)
+    rows = Rows(wire)
     assert names(rows.history()) == [0, 1]
     assert list(rows.next(0)) == []
     wire.train()
@@ -148,7 +148,7 @@ def test_what_comes_later_comes_once(folder):
 
 def test_what_came_between_subscribing_and_asking_for_history_comes_once(folder):
     wire = Wire(2)
-    rows = Rows(folder, wire)
+    rows = Rows(wire)
     wire.train()
     assert names(rows.history()) == [0, 1, 2]
     assert follow(rows) == []
@@ -158,7 +158,7 @@ def test_what_came_between_subscribing_and_asking_for_history_comes_once(folder)
 
 def test_rows_that_got_lost_are_fetched_with_the_next_one(folder):
     wire = Wire(1)
-    rows = Rows(folder, wire)
+    rows = Rows(wire)
     list(rows.history())
     for lost in (True, True, True, True, True, False):
         wire.train(lost=lost)
@@ -169,7 +169,7 @@ def test_rows_that_got_lost_are_fetched_with_the_next_one(folder):
 
 def test_rows_of_a_learner_that_goes_back_to_its_snapshot_come_once(folder):
     wire = Wire(5)
-    rows = Rows(folder, wire)
+    rows = Rows(wire)
     list(rows.history())
     for number in (3, 4):
         wire.say(episode(number))
@@ -181,7 +181,7 @@ def test_rows_of_a_learner_that_goes_back_to_its_snapshot_come_once(folder):
 def test_while_the_learner_is_away_nothing_is_skipped(folder):
     wire = Wire(3)
     wire.away = True
-    rows = Rows(folder, wire)
+    rows = Rows(wire)
     assert list(rows.history()) == []
     wire.away = False
     wire.train()
@@ -190,10 +190,10 @@ def test_while_the_learner_is_away_nothing_is_skipped(folder):
 
 def test_the_rest_comes_from_the_files(folder):
     wire = Wire(3, evaluations=[2])
-    rows = Rows(folder, wire)
+    rows = Rows(wire)
     list(rows.history())
     write(folder, 6, evaluations=[2, 4])
-    assert names(rows.rest()) == [3, "after 4", 4, 5]
+    assert names(rows.rest(folder)) == [3, "after 4", 4, 5]
     assert names(rows_from_files(folder)) == [0, 1, "after 2", 2, 3, "after 4", 4, 5]
 
 

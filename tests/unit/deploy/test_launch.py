@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import socket
 import stat
 import subprocess
 from pathlib import Path
@@ -17,7 +18,9 @@ from common.private import is_private, remove_endpoint
 from common.records.rows import EpisodeRow
 from common.strict import ConfigError, shortened
 from deploy import launch
+from deploy.certificates import create
 from deploy.launch import (
+    check_door,
     check_existing,
     check_machine,
     fresh_name,
@@ -335,3 +338,59 @@ def test_actors_asked_for_when_taking_over_are_wanted(run, supervisor):
     cluster = json.loads(run.cluster_file.read_text())
     assert cluster["actors"] == {"easy": 3}
     assert cluster["endpoint"] == endpoint  # what lives stays reachable
+
+
+# Other machines
+
+
+@pytest.fixture(scope="module")
+def keys(tmp_path_factory):
+    made = tmp_path_factory.mktemp("far") / "keys"
+    create(made, [])
+    return made
+
+
+@pytest.fixture
+def taken():
+    """An address at which somebody listens."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield f"tls/127.0.0.1:{server.getsockname()[1]}"
+
+
+def test_an_address_is_free_until_somebody_listens(root, keys, taken):
+    free = taken.replace("127.0.0.1", "127.0.0.2")
+    assert new_run("one", config(listen=free, keys=str(keys))).config().cluster.listen == free
+    text = failure(new_run, "two", config(listen=taken, keys=str(keys)))
+    assert text.startswith(f"cluster.listen {taken}: Address already in use: give a free port, ")
+    assert [path.name for path in root.iterdir()] == ["one"]
+
+
+@pytest.mark.parametrize("host", ["192.0.2.1", "nosuch.invalid"])
+def test_an_address_of_another_machine_cannot_be_listened_on(root, keys, host):
+    text = failure(new_run, "one", config(listen=f"tls/{host}:7447", keys=str(keys)))
+    assert text.startswith(f"cluster.listen tls/{host}:7447: ")
+    assert not root.exists()
+
+
+def test_keys_that_are_not_there_are_refused_before_anything_is_made(root, tmp_path):
+    text = failure(new_run, "one", config(listen="tls/127.0.0.1:7447", keys=str(tmp_path / "none")), error=ConfigError)
+    assert text.startswith(f"{tmp_path}/none/ca.pem cannot be read: No such file or directory: ")
+    assert not root.exists()
+
+
+def test_a_router_that_lives_goes_on_listening_where_it_does(run, keys, taken):
+    check_door(run, config())
+    elsewhere = config(listen=taken.replace("127.0.0.1", "127.0.0.2"), keys=str(keys))
+    check_door(run, elsewhere)
+    with sole(run, "router"):
+        check_door(run, config())
+        text = failure(check_door, run, elsewhere)
+    assert text == "run one is running, and its router listens elsewhere: railctl down one first"
+
+
+def test_a_router_that_lives_is_not_in_its_own_way(root, keys, taken):
+    listening = config(listen=taken.replace("127.0.0.1", "127.0.0.2"), keys=str(keys))
+    folder = new_run("one", listening)
+    port = int(taken.rpartition(":")[2])
+    with socket.create_server(("127.0.0.2", port)), sole(folder, "router"):
+        check_door(folder, listening)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from common.folder import RunFolder
-from common.records.control import Status
+from common.records.control import ProcessStatus, Status
 from common.records.heartbeats import EvaluatorReport, Heartbeat, LearnerReport
 from common.wire.codec import decode, encode, encoding_of
 from deploy.overview import overview, progress_of, run_is_complete
@@ -187,3 +187,21 @@ def test_a_run_without_an_evaluators_word_is_not_complete():
     said = beats(done=100)
     del said["evaluator"]
     assert not run_is_complete(CONFIG, said)
+
+
+def test_actors_of_other_machines_are_shown_beside_ours_and_serve():
+    far = ProcessStatus(
+        process="actor-node7-hard-0",
+        role="actor",
+        serves="hard",
+        pid=3,
+        state="acting episode 4",
+        restarts=0,
+        last_heartbeat_unix_s=1000.0,
+    )
+    mind, said = running({"easy": 1}), beats(waiting={"hard": 2})
+    alone = overview(RunFolder(Path("runs/one")), CONFIG, mind, PIDS, said)
+    joined = overview(RunFolder(Path("runs/one")), CONFIG, mind, PIDS, said, [far])
+    assert alone.problems == ["2 hard episodes wait and no actor serves hard: railctl scale RUN hard=1"]
+    assert joined.problems == []
+    assert joined.processes == [*alone.processes, far]

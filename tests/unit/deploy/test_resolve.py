@@ -613,3 +613,14 @@ def test_a_run_of_any_preset_and_levels_comes_back_from_its_file(algorithm, leve
     assert parse_config(again).science == config.science
     assert resolve(again) == config  # a saved configuration is a run file, too
     assert resolve_existing(config, again, "one") == config
+
+
+def test_keys_are_found_from_wherever_the_run_goes_on(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    given = {"cluster": {"listen": "tls/0.0.0.0:7447", "keys": "keys"}}
+    saved = resolve(given, Path("files"))
+    assert saved.cluster.keys == str(tmp_path / "files" / "keys")
+    assert resolve_existing(saved, {}, "one").cluster == saved.cluster
+    assert resolve_existing(saved, given, "one").cluster.keys == str(tmp_path / "keys")
+    closed = parse_sets(["cluster.listen=null", "cluster.keys=null"])
+    assert resolve_existing(saved, closed, "one").cluster == resolve({}).cluster

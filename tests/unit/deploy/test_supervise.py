@@ -1,38 +1,70 @@
-"""What the supervisor's runner reads and says; what it decides is tested with its mind."""
+"""What the supervisor tells machines that join; what it decides is tested with its mind."""
+
+import signal
 
 import pytest
 
 from common.folder import RunFolder
-from deploy.supervise import LAST_WORDS_CHARACTERS, last_words
-
-INFO = "2020-01-02 12:00:00,000 INFO services.learner: goes on"
-ERROR = "2020-01-02 12:00:00,000 ERROR common.process: snapshots/5: damaged"
-
-
-@pytest.mark.parametrize(
-    ("lines", "words"),
-    [
-        ([], ""),
-        ([INFO, "ValueError: no room"], "ValueError: no room"),
-        ([INFO, ERROR, INFO], "snapshots/5: damaged"),
-        ([ERROR.replace("damaged", "old"), ERROR], "snapshots/5: damaged"),
-        ([ERROR, *[INFO] * 50], INFO),  # too long ago
-        (["x" * 1000], "x" * LAST_WORDS_CHARACTERS),
-    ],
-)
-def test_the_last_words_of_a_process(tmp_path, lines, words):
-    folder = RunFolder(tmp_path)
-    folder.logs.mkdir()
-    (folder.logs / "learner.log").write_text("".join(f"{line}\n" for line in lines))
-    assert last_words(folder, "learner") == words
+from common.levels.own import own_copy
+from common.records.control import Empty
+from common.records.joining import LevelsRequest
+from deploy import supervise
+from deploy.launch import new_run, write_cluster_file
+from deploy.resolve import resolve
+from deploy.supervise import Runner
 
 
-def test_a_process_without_a_log_has_no_last_words(tmp_path):
-    assert last_words(RunFolder(tmp_path), "learner") == ""
+class Asked:
+    """A question, and what became of it."""
+
+    def __init__(self, request):
+        self.request = request
+        self.answered = self.refused = None
+
+    def answer(self, record):
+        self.answered = record
+
+    def refuse(self, reason):
+        self.refused = reason
 
 
-def test_last_words_may_be_no_text(tmp_path):
-    folder = RunFolder(tmp_path)
-    folder.logs.mkdir()
-    (folder.logs / "learner.log").write_bytes(b"killed \xff\xfe\n")
-    assert last_words(folder, "learner").startswith("killed ")
+@pytest.fixture
+def runner(tmp_path, monkeypatch):
+    monkeypatch.setenv("RAILCTL_RUNS", str(tmp_path / "runs"))
+    folder = new_run("one", resolve({"episodes": 10}))
+    write_cluster_file(folder, folder.config())
+    before = signal.getsignal(signal.SIGCHLD)
+    made = Runner(folder)
+    yield made
+    made._events.close()
+    signal.signal(signal.SIGCHLD, before)
+
+
+def test_a_run_introduces_itself_with_all_that_others_need(runner, tmp_path):
+    question = Asked(Empty())
+    runner._on_run(question)
+    folder = RunFolder(tmp_path / "runs" / "one")
+    assert (question.answered.name, question.answered.namespace) == ("one", folder.endpoint_and_namespace()[1])
+    assert question.answered.config == folder.config_file.read_text()
+
+
+def test_the_copy_of_level_files_is_sent_whole(runner, tmp_path):
+    copy = own_copy(tmp_path / "runs" / "one", "mine")
+    copy.parent.mkdir()
+    copy.write_bytes(b"levels")
+    question = Asked(LevelsRequest(level="mine"))
+    runner._on_pull_levels(question)
+    assert question.answered.content == b"levels"
+
+
+def test_level_files_that_are_not_there_or_too_large_are_refused(runner, tmp_path, monkeypatch):
+    question = Asked(LevelsRequest(level="mine"))
+    runner._on_pull_levels(question)
+    assert question.refused == "mine.npz: No such file or directory"
+    copy = own_copy(tmp_path / "runs" / "one", "mine")
+    copy.parent.mkdir()
+    copy.write_bytes(b"levels")
+    monkeypatch.setattr(supervise, "MOST_LEVEL_BYTES", 5)
+    runner._on_pull_levels(question)
+    assert question.refused == "mine.npz has 6 bytes, and 5 is the most that is sent"
+    assert question.answered is None

@@ -14,7 +14,7 @@ from made_episodes import answer_to, edited, lease_of
 from msgpack import ExtType, Timestamp
 from msgpack._cmsgpack import Packer
 
-from common.records import acting, checkpoints, control, course, heartbeats, rows
+from common.records import acting, checkpoints, control, course, heartbeats, joining, rows
 from common.records.base import Record
 from common.wire import arrays, blocks, codec, keys
 from common.wire.arrays import pack_array, unpack_array
@@ -244,6 +244,14 @@ MESSAGES = {
     control.CommandAnswer: st.builds(control.CommandAnswer, done=st.booleans(), text=TEXTS),
     heartbeats.Heartbeat: st.sampled_from(["learner", "actor", "evaluator", "router"]).flatmap(beats),
     control.Status: STATUSES,
+    joining.RunIntroduction: st.builds(
+        joining.RunIntroduction,
+        name=TEXTS,
+        namespace=st.from_regex(r"railctl/[0-9a-f]{12}", fullmatch=True),
+        config=TEXTS,
+    ),
+    joining.LevelsRequest: st.builds(joining.LevelsRequest, level=SERVES),
+    joining.LevelFileCopy: st.builds(joining.LevelFileCopy, content=st.binary(max_size=30)),
 }
 RECORD_TYPES = pytest.mark.parametrize("record_type", MESSAGES, ids=lambda record_type: record_type.__name__)
 

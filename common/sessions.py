@@ -1,0 +1,137 @@
+"""The settings of Zenoh sessions: how processes are linked on one machine and over several, and who may do what."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from common.tls import Credentials, common_name
+from common.wire.keys import absolute
+from common.wire.rights import RIGHTS, Rights
+
+LEASE_MS = 2000  # a silent peer's tokens vanish after this
+NO_TIMEOUT_MS = -1
+EVERYTHING = (
+    "put",
+    "delete",
+    "declare_subscriber",
+    "query",
+    "reply",
+    "declare_queryable",
+    "liveliness_token",
+    "liveliness_query",
+    "declare_liveliness_subscriber",
+)
+
+Plain = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Door:
+    """Where a router lets other machines in: `listen` is an address of TLS, the credentials are those of its host."""
+
+    listen: str
+    namespace: str
+    credentials: Credentials
+
+
+def client(endpoint: str, connect_timeout_s: float | None, credentials: Credentials | None) -> Plain:
+    """Of a session that is linked to the router at `endpoint`, and to it again whenever the link is lost."""
+    timeout_ms = NO_TIMEOUT_MS if connect_timeout_s is None else int(connect_timeout_s * 1000)
+    return {
+        "mode": "client",
+        "connect": {
+            "endpoints": [endpoint],
+            "timeout_ms": timeout_ms,
+            "exit_on_failure": connect_timeout_s is not None,
+            "retry": {"period_init_ms": 20, "period_max_ms": 500, "period_increase_factor": 1.5},
+        },
+        **_common({} if credentials is None else _tls(credentials, "connect")),
+    }
+
+
+def router(endpoint: str, door: Door | None) -> Plain:
+    """Of a session that links all others: those of its own user at `endpoint`, and other machines at the door."""
+    if door is None:
+        return {"mode": "router", "listen": _listen(endpoint), **_common({})}
+    return {
+        "mode": "router",
+        "listen": _listen(endpoint, door.listen),
+        "access_control": access_control(door.namespace),
+        **_common(_tls(door.credentials, "listen")),
+    }
+
+
+def access_control(namespace: str) -> Plain:
+    """Who may do what: all on a socket that only its user reaches, else what the role of a certificate may."""
+    rules = [_rule("everything", list(EVERYTHING), ["ingress", "egress"], ["**"])]
+    subjects: list[Plain] = [{"id": "this-machine", "link_protocols": ["unixsock-stream"]}]
+    policies = [{"rules": ["everything"], "subjects": ["this-machine"]}]
+    for role, rights in RIGHTS.items():
+        theirs = _rules(role, rights, namespace)
+        rules += theirs
+        subjects.append({"id": role, "link_protocols": ["tls"], "cert_common_names": [common_name(role)]})
+        policies.append({"rules": [rule["id"] for rule in theirs], "subjects": [role]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    }
+
+
+def _rules(role: str, rights: Rights, namespace: str) -> list[Plain]:
+    """Each right by its messages, to the router (`ingress`) and from it."""
+    asked = [service.key for service in rights.asks]
+    heard = [topic.key for topic in rights.hears]
+    wanted = (
+        ("publishes", "put", "ingress", [topic.key for topic in rights.publishes]),
+        ("listens", "declare_subscriber", "ingress", heard),
+        ("hears", "put", "egress", heard),
+        ("asks", "query", "ingress", asked),
+        ("is-answered", "reply", "egress", asked),
+        ("holds", "liveliness_token", "ingress", list(rights.holds)),
+    )
+    return [
+        _rule(f"{role}-{name}", [message], [flow], [absolute(namespace, key) for key in found])
+        for name, message, flow, found in wanted
+        if found
+    ]
+
+
+def _rule(name: str, messages: list[str], flows: list[str], keys: list[str]) -> Plain:
+    return {"id": name, "permission": "allow", "messages": messages, "flows": flows, "key_exprs": keys}
+
+
+def _listen(*endpoints: str) -> Plain:
+    return {"endpoints": list(endpoints), "exit_on_failure": True}
+
+
+def _tls(credentials: Credentials, end: str) -> Plain:
+    """Both ends show a certificate; `end` is `connect` or `listen`."""
+    return {
+        "tls": {
+            "root_ca_certificate": str(credentials.authority),
+            "enable_mtls": True,
+            "verify_name_on_connect": True,
+            f"{end}_certificate": str(credentials.certificate),
+            f"{end}_private_key": str(credentials.key),
+        }
+    }
+
+
+def _common(link: Plain) -> Plain:
+    return {
+        "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "transport": {
+            # A suspended reader was seen to get one message with the bytes of a later one.
+            "shared_memory": {"enabled": False},
+            "link": {
+                "tx": {
+                    "lease": LEASE_MS,
+                    # The default closes the transport, and loses all that is queued, after 5 s of congestion.
+                    "queue": {"congestion_control": {"block": {"wait_before_close": 30_000_000}}},
+                },
+                **link,
+            },
+        },
+    }

@@ -1,0 +1,149 @@
+"""A machine that joins a run: actors under a supervisor of their own, in a folder that goes when they end."""
+
+import logging
+import os
+import re
+import shutil
+import socket
+import tempfile
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+
+from common.bus import Bus, NoAnswer, open_bus
+from common.config import RunConfig
+from common.folder import Cluster, RunFolder
+from common.levels.bank import bank_root
+from common.levels.distributions import ANY, LevelFiles
+from common.levels.own import own_copy
+from common.process import Stopping
+from common.records.heartbeats import Heartbeat
+from common.records.joining import LevelsRequest, RunIntroduction
+from common.strict import ConfigError, nearest
+from common.tls import Credentials
+from common.wire import keys
+from deploy.far import CONNECT_TIMEOUT_S, introduction, reach_far
+from deploy.levels import prepare_levels
+from deploy.plan import ProcessSpec, actors
+from deploy.processes import Processes
+from deploy.runs import Failed
+from deploy.supervisor import Limits, Quit, StopAsked, Supervisor
+
+log = logging.getLogger(__name__)
+
+PULL_TIMEOUT_S = 120.0  # of level files
+ASK_EVERY_S = 2.0
+ASK_TIMEOUT_S = 1.0
+MOST_NAME_CHARACTERS = 64  # of a process
+
+
+class Joiner(Processes):
+    """Supervises the actors of this machine until all is trained; whenever the link is cut, it waits."""
+
+    def __init__(self, folder: RunFolder, specs: list[ProcessSpec]) -> None:
+        self._address, self._namespace = folder.endpoint_and_namespace()
+        self._known = False  # that the run at the other end of the link is ours
+        self._next_look = 0.0
+        self.other: str | None = None  # the run that has its place
+        super().__init__(folder, Supervisor(specs, Limits.of(folder.config().cluster)))
+
+    def connect(self, stack: ExitStack) -> Bus | None:
+        """Once the run's host can be reached."""
+        credentials = self._folder.credentials()
+        try:
+            bus = stack.enter_context(
+                open_bus(self._address, self._namespace, CONNECT_TIMEOUT_S, self._inbox, credentials)
+            )
+        except NoAnswer:
+            return None
+        bus.subscribe(keys.FAR_HEARTBEATS, self._on_beat)
+        bus.subscribe(keys.HEARTBEATS, self._on_beat_of_the_run)
+        return bus
+
+    def look(self) -> None:
+        """Whether there is still the same run at the other end of the link, each time when it is back."""
+        if self._bus is None or not self._bus.connected():
+            if self._known:
+                log.warning("no link to %s: goes on when it is back", self._address)
+            self._known = False
+        elif not self._known and time.monotonic() >= self._next_look:
+            self._next_look = time.monotonic() + ASK_EVERY_S
+            try:
+                run = introduction(self._bus, self._address, ASK_TIMEOUT_S)
+            except NoAnswer:
+                return  # its supervisor is only starting
+            log.info("linked to run %s at %s", run.name, self._address)
+            self._known = True
+            if run.namespace != self._namespace:
+                self.other = run.name
+                self._handle(StopAsked("stopped"))
+
+    def _on_beat_of_the_run(self, beat: Heartbeat) -> None:
+        """Only processes of the run's own machine may send them."""
+        if beat.role == "learner" and beat.state == "finished":
+            self._handle(StopAsked("finished"))
+
+
+def join(address: str, credentials: Credentials, counts: Mapping[str, int]) -> Quit:
+    """Act for the run at an address until it is trained, or somebody asks to stop.
+
+    Raises:
+        ConfigError: the run has no such levels.
+        NoAnswer: it cannot be reached.
+        Failed: it cannot be acted here, or another run has its place.
+    """
+    path = Path(tempfile.mkdtemp(prefix="railctl-join-"))  # which is its user's alone
+    try:
+        folder = _made(RunFolder(path / "run"), address, credentials, counts)
+        joiner = Joiner(folder, actors(counts, host_for(counts)))
+        end = joiner.run(Stopping())
+    except BaseException:
+        shutil.rmtree(path)
+        raise
+    if end.outcome == "failed":
+        raise Failed(f"{end.reason} in {folder.path}")
+    shutil.rmtree(path)
+    if joiner.other is not None:
+        raise Failed(f"{address} has another run now, {joiner.other}: join that one")
+    return end
+
+
+def _made(folder: RunFolder, address: str, credentials: Credentials, counts: Mapping[str, int]) -> RunFolder:
+    """The folder, with all that actors of the run look for in it."""
+    with reach_far(address, credentials) as (bus, run):
+        folder.logs.mkdir(parents=True)
+        folder.config_file.write_text(run.config)
+        cluster = Cluster(endpoint=address, namespace=run.namespace, keys=str(credentials.folder))
+        folder.cluster_file.write_text(cluster.model_dump_json())
+        config = _config(folder, run)
+        for level in counts:
+            if level != ANY and level not in config.mix:
+                raise ConfigError(f"--actors: run {run.name} has no level {level}{nearest(level, list(config.mix))}")
+        _pull_levels(folder, config, bus)
+    prepare_levels(config.world.levels, bank_root(folder.path.parent), len(os.sched_getaffinity(0)))
+    log.info("joins run %s at %s", run.name, address)
+    return folder
+
+
+def _config(folder: RunFolder, run: RunIntroduction) -> RunConfig:
+    try:
+        return folder.config()
+    except ConfigError as error:
+        raise Failed(f"run {run.name} is not one of this version: {error}") from None
+
+
+def _pull_levels(folder: RunFolder, config: RunConfig, bus: Bus) -> None:
+    """The run's own copies of level files, which its configuration knows by their digests."""
+    for name, levels in config.world.levels.items():
+        if isinstance(levels, LevelFiles):
+            copy = own_copy(folder.path, name)
+            copy.parent.mkdir(exist_ok=True)
+            copy.write_bytes(bus.ask(keys.PULL_LEVELS, LevelsRequest(level=name), PULL_TIMEOUT_S).content)
+
+
+def host_for(counts: Mapping[str, int]) -> str:
+    """The name of this machine, as far as names of actors have room for it."""
+    room = MOST_NAME_CHARACTERS - max(len(spec.name) for spec in actors(counts)) - 1
+    name = re.sub(r"[^A-Za-z0-9_.-]", "-", socket.gethostname().partition(".")[0])
+    return name[-room:] or "host"

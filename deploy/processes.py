@@ -1,0 +1,176 @@
+"""The processes of a run on this machine: started, heard, ended, as a `Supervisor` decides."""
+
+import logging
+import os
+import signal
+import subprocess
+import time
+from abc import ABC, abstractmethod
+from contextlib import ExitStack
+
+from common.bus import Bus
+from common.folder import RunFolder
+from common.inbox import Inbox
+from common.locks import holder, living
+from common.process import EXIT_RUNS_ALREADY, STARTING, Stopping
+from common.records.heartbeats import Heartbeat
+from common.records.rows import EventKind
+from deploy.events import DamagedSnapshots, EventLog, changes
+from deploy.plan import ENVIRONMENT, ProcessSpec
+from deploy.supervisor import (
+    Adopted,
+    Beat,
+    Event,
+    Exited,
+    Happening,
+    Kill,
+    Launch,
+    Quit,
+    StopAsked,
+    Supervisor,
+    Terminate,
+    Tick,
+)
+
+log = logging.getLogger(__name__)
+
+TICK_S = 0.1
+LAST_WORDS_CHARACTERS = 300
+
+
+class Processes(ABC):
+    """Carries out the orders of a mind for one run on this machine."""
+
+    def __init__(self, folder: RunFolder, mind: Supervisor) -> None:
+        self._folder = folder
+        self._mind = mind
+        self._children: dict[str, subprocess.Popen[bytes]] = {}
+        self._pids: dict[str, int] = {}
+        self._beats: dict[str, tuple[Heartbeat, float]] = {}
+        self._events = EventLog(folder)
+        self._damaged = DamagedSnapshots(folder)
+        self._inbox = Inbox()
+        self._bus: Bus | None = None
+        self._log_starts: dict[str, int] = {}
+        self._quit: Quit | None = None
+        signal.signal(signal.SIGCHLD, lambda *_: self._inbox.put(lambda: None))  # ends the wait for messages
+
+    @abstractmethod
+    def connect(self, stack: ExitStack) -> Bus | None:
+        """The run's bus, which takes what arrives to the inbox, with all that is subscribed; None: not yet."""
+
+    @abstractmethod
+    def look(self) -> None:
+        """What is to be seen to now and then."""
+
+    def run(self, stopping: Stopping) -> Quit:
+        """Take over what lives, and supervise until the run is finished, stopped or failed."""
+        with ExitStack() as stack:
+            stack.callback(self._events.close)
+            self._tell("started", "supervisor", f"supervisor started as process {os.getpid()}")
+            for name, pid in living(self._folder).items():
+                if name != "supervisor":
+                    self._adopt(name, pid)
+            self._handle(Tick(connected=False))  # starts what is missing
+            while self._quit is None:
+                if stopping.asked:
+                    stopping.asked = False
+                    self._handle(StopAsked("stopped"))
+                if self._bus is None:
+                    self._bus = self.connect(stack)
+                self._inbox.take(TICK_S)
+                self._look_for_exits()
+                self.look()
+                self._handle(Tick(connected=self._connected()))
+            outcome, reason = self._quit.outcome, self._quit.reason
+            self._tell(outcome, None, f"{outcome}: {reason}" if reason else outcome)
+            return self._quit
+
+    def _connected(self) -> bool:
+        return self._bus is not None and self._bus.connected()
+
+    def _look_for_exits(self) -> None:
+        for name in list(self._pids):
+            child = self._children.get(name)
+            code = None if child is None else child.poll()
+            if code is None and (child is not None or holder(self._folder, name) is not None):
+                continue
+            self._children.pop(name, None)
+            del self._pids[name]
+            if code == EXIT_RUNS_ALREADY and (pid := holder(self._folder, name)) is not None:
+                self._adopt(name, pid)  # an earlier supervisor's, which had not taken its place yet
+            else:
+                self._handle(Exited(name, code, last_words(self._folder, name, self._log_starts.get(name, 0))))
+
+    def _adopt(self, name: str, pid: int) -> None:
+        log.info("takes over %s, process %d", name, pid)
+        self._tell("adopted", name, f"{name} taken over, process {pid}")
+        self._pids[name] = pid
+        self._handle(Adopted(name))
+
+    def _on_beat(self, beat: Heartbeat) -> None:
+        """Heartbeats are only believed of own processes."""
+        if self._pids.get(beat.process) != beat.pid:
+            return  # none of ours, or one that is gone
+        before, _ = self._beats.get(beat.process, (None, 0.0))
+        for happening in (*changes(before, beat), *self._damaged.new()):
+            self._events.write(happening)
+        self._beats[beat.process] = (beat, time.time())
+        if beat.state != STARTING:
+            self._handle(Beat(beat.process))
+
+    def _handle(self, event: Event) -> None:
+        orders = self._mind.on(event, time.monotonic())
+        for happening in self._mind.take_story():
+            self._events.write(happening)
+        for order in orders:
+            match order:
+                case Launch():
+                    self._launch(order.spec)
+                case Terminate():
+                    self._signal(order.process, signal.SIGTERM)
+                case Kill():
+                    self._signal(order.process, signal.SIGKILL)
+                case Quit():
+                    self._quit = order
+
+    def _launch(self, spec: ProcessSpec) -> None:
+        with (self._folder.logs / f"{spec.name}.log").open("ab") as output:
+            self._log_starts[spec.name] = output.tell()
+            child = subprocess.Popen(
+                spec.command(self._folder.path),
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=os.environ | ENVIRONMENT,
+                start_new_session=True,
+            )
+        log.info("started %s as process %d", spec.name, child.pid)
+        self._tell("started", spec.name, f"{spec.name} started as process {child.pid}")
+        self._children[spec.name] = child
+        self._pids[spec.name] = child.pid
+
+    def _tell(self, kind: EventKind, process: str | None, text: str) -> None:
+        self._events.write(Happening(kind, process, text))
+
+    def _signal(self, process: str, number: signal.Signals) -> None:
+        pid = self._pids.get(process)
+        if pid is not None:
+            log.info("sends %s to %s, process %d", number.name, process, pid)
+            try:
+                os.kill(pid, number)
+            except ProcessLookupError:
+                log.info("%s is gone already", process)
+
+
+def last_words(folder: RunFolder, name: str, start: int = 0) -> str:
+    """The last error in a process's log from byte `start` on, or its last line, short."""
+    try:
+        with (folder.logs / f"{name}.log").open("rb") as file:
+            file.seek(start)
+            lines = file.read().decode(errors="replace").splitlines()[-50:]
+    except OSError:
+        return ""
+    errors = [line.split(": ", 1)[1] for line in lines if " ERROR " in line and ": " in line]
+    words = (errors or lines or [""])[-1]
+    return words[:LAST_WORDS_CHARACTERS]

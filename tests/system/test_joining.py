@@ -1,0 +1,203 @@
+"""Machines that join a run over TLS: the curve is the same, however often the link between them is cut."""
+
+import json
+import shutil
+import signal
+import socket
+import subprocess
+import tempfile
+import threading
+import time
+import uuid
+from pathlib import Path
+
+import pytest
+
+from common.locks import living
+from deploy.certificates import create
+from deploy.join import host_for
+
+PATIENCE_S = 300.0
+HERE, THERE = "198.18.7.1", "198.18.7.2"  # of a range that no network uses
+IP = shutil.which("ip")
+FAR = f"actor-{host_for({'easy': 1})}-easy-0"
+
+
+@pytest.fixture
+def keys(tmp_path):
+    create(tmp_path / "keys", [HERE])
+    return tmp_path / "keys"
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_left():
+    """Every test ends with the folders of machines that join as it began."""
+    before = joined_folders()
+    yield
+    assert joined_folders() == before
+
+
+def joined_folders():
+    return set(Path(tempfile.gettempdir()).glob("railctl-join-*"))
+
+
+@pytest.fixture
+def port():
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return free.getsockname()[1]
+
+
+class Elsewhere:
+    """A network namespace that one link joins to ours: as good as another machine."""
+
+    def __init__(self):
+        number = uuid.uuid4().hex[:8]
+        self.namespace, self.link = f"railctl-{number}", f"rail{number}"
+
+    def begin(self):
+        ip("netns", "add", self.namespace)
+        ip("link", "add", self.link, "type", "veth", "peer", "name", "far", "netns", self.namespace)
+        ip("addr", "add", f"{HERE}/30", "dev", self.link)
+        ip("link", "set", self.link, "up")
+        ip("-n", self.namespace, "addr", "add", f"{THERE}/30", "dev", "far")
+        ip("-n", self.namespace, "link", "set", "far", "up")
+
+    def end(self):
+        for what in (("link", "del", self.link), ("netns", "del", self.namespace)):
+            subprocess.run([IP, *what], check=False, capture_output=True)
+
+    def cut(self):
+        ip("link", "set", self.link, "down")
+
+    def mend(self):
+        ip("link", "set", self.link, "up")
+
+
+def ip(*arguments):
+    subprocess.run([IP, *arguments], check=True, capture_output=True, text=True)
+
+
+@pytest.fixture
+def elsewhere():
+    if IP is None:
+        pytest.skip("there is no ip command to make network namespaces with")
+    place = Elsewhere()
+    try:
+        place.begin()
+    except subprocess.CalledProcessError as error:
+        place.end()
+        pytest.skip(f"no network namespaces here: {error.stderr.strip()}")
+    yield place
+    place.end()
+
+
+def begin_held(clusters, name, address, keys):
+    """Start a run that waits for `resume`; its learner sees the file when it has started, which takes seconds."""
+    clusters.up(name, "--detach", "--listen", address, "--keys", str(keys))
+    clusters.folder(name).paused_file.touch()
+
+
+def join_by(clusters, address, keys, *before):
+    """Start `railctl join`."""
+    return clusters.start_by(before, "join", address, "--keys", str(keys), "--actors", "easy=1")
+
+
+def resume(clusters, name):
+    """Go on with a run that is paused, once its learner is there."""
+    clusters.wait(lambda: clusters.status(name)["state"] == "paused")
+    clusters.tell_learner(name, "resume")
+
+
+def heard_since(clusters, name, moment):
+    """The actor that has joined has been heard, later than at some moment and after its start."""
+    for process in clusters.status(name)["processes"]:
+        if process["process"] == FAR and process["state"] != "starting":
+            return process["last_heartbeat_unix_s"] > moment
+    return False
+
+
+def left(joiner):
+    """What a `railctl join` says at its end, which must be a good one."""
+    said, complained = joiner.communicate(timeout=PATIENCE_S)
+    assert joiner.returncode == 0, complained
+    return said
+
+
+def test_a_machine_that_joins_acts_the_same_curve(clusters, undisturbed, keys, port, tail):
+    address = f"tls/127.0.0.1:{port}"
+    begin_held(clusters, "joined", address, keys)
+    joiner = join_by(clusters, address, keys)
+    clusters.wait(lambda: heard_since(clusters, "joined", 0))
+    rows = tail("joined")
+    resume(clusters, "joined")
+    rows.until(5)
+    clusters.kill("joined", "router")
+    rows.rest()
+    assert left(joiner) == "all episodes are trained\n"
+    clusters.wait(lambda: not living(clusters.folder("joined")))
+    assert clusters.curve("joined") == undisturbed
+    assert FAR in clusters.actors("joined")
+
+
+def test_who_joined_leaves_with_ctrl_c_and_the_learner_acts_on(clusters, undisturbed, keys, port):
+    address = f"tls/127.0.0.1:{port}"
+    begin_held(clusters, "left", address, keys)
+    joiner = join_by(clusters, address, keys)
+    clusters.wait(lambda: heard_since(clusters, "left", 0))
+    joiner.send_signal(signal.SIGINT)
+    assert left(joiner) == "left the run\n"
+    clusters.wait(lambda: not heard_since(clusters, "left", 0))
+    resume(clusters, "left")
+    clusters.wait(lambda: not living(clusters.folder("left")))
+    assert clusters.curve("left") == undisturbed
+
+
+@pytest.mark.slow
+def test_who_joined_waits_while_the_whole_run_is_down(clusters, undisturbed, keys, port, tail):
+    address = f"tls/127.0.0.1:{port}"
+    begin_held(clusters, "down", address, keys)
+    joiner = join_by(clusters, address, keys)
+    clusters.wait(lambda: heard_since(clusters, "down", 0))
+    rows = tail("down")
+    resume(clusters, "down")
+    rows.until(5)
+    clusters.pause("down")
+    clusters.railctl("down", "down")
+    up_at = time.time()
+    clusters.railctl("up", "--name", "down", "--detach")
+    clusters.wait(lambda: heard_since(clusters, "down", up_at))
+    resume(clusters, "down")
+    left(joiner)
+    clusters.wait(lambda: not living(clusters.folder("down")))
+    assert clusters.curve("down") == undisturbed
+    assert last_actor(clusters, "down") == FAR
+
+
+@pytest.mark.parametrize(
+    "cut_s", [2, pytest.param(10, marks=pytest.mark.slow), pytest.param(60, marks=pytest.mark.slow)]
+)
+def test_a_cut_link_changes_nothing(clusters, undisturbed, keys, port, tail, elsewhere, cut_s):
+    name, address = f"cut-{cut_s}", f"tls/{HERE}:{port}"
+    begin_held(clusters, name, address, keys)
+    joiner = join_by(clusters, address, keys, IP, "netns", "exec", elsewhere.namespace)
+    clusters.wait(lambda: heard_since(clusters, name, 0))
+    rows = tail(name)
+    resume(clusters, name)
+    rows.until(5)
+    elsewhere.cut()
+    clusters.pause(name)  # or its learner would have done the rest before the link is back
+    threading.Event().wait(cut_s)
+    elsewhere.mend()
+    mended_at = time.time()
+    clusters.wait(lambda: heard_since(clusters, name, mended_at))
+    resume(clusters, name)
+    rows.rest()
+    left(joiner)
+    clusters.wait(lambda: not living(clusters.folder(name)))
+    assert clusters.curve(name) == undisturbed
+    assert last_actor(clusters, name) == FAR
+
+
+def last_actor(clusters, name):
+    """Who acted the last episode."""
+    return json.loads(clusters.folder(name).episodes_file.read_text().splitlines()[-1])["actor"]
