@@ -5,11 +5,14 @@ import shutil
 import tempfile
 
 import pytest
+from hypothesis import settings
 from xdist.scheduler import LoadFileScheduling
 
 from deploy.plan import ENVIRONMENT
 
 os.environ.update(ENVIRONMENT)
+settings.register_profile("any machine", deadline=None)  # however busy it is
+settings.load_profile("any machine")
 
 
 class RealClustersTogether(LoadFileScheduling):
