@@ -173,9 +173,8 @@ def test_who_joined_waits_while_the_whole_run_is_down(clusters, undisturbed, key
     assert last_actor(clusters, "down") == FAR
 
 
-@pytest.mark.parametrize(
-    "cut_s", [2, pytest.param(10, marks=pytest.mark.slow), pytest.param(60, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("cut_s", [2, 10, 60])
 def test_a_cut_link_changes_nothing(clusters, undisturbed, keys, port, tail, elsewhere, cut_s):
     name, address = f"cut-{cut_s}", f"tls/{HERE}:{port}"
     begin_held(clusters, name, address, keys)
