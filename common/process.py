@@ -1,6 +1,5 @@
 """What every process of a run shares: clean ends, a log, heartbeats, and a name that it has alone."""
 
-import ctypes
 import errno
 import gc
 import logging
@@ -20,6 +19,7 @@ from common.config import RunConfig
 from common.folder import RunFolder
 from common.inbox import Inbox
 from common.locks import RunsAlreadyError, sole
+from common.parent import end_with_parent
 from common.private import OTHERS
 from common.records.base import Role
 from common.records.heartbeats import Heartbeat, Report
@@ -33,7 +33,6 @@ STARTING = "starting"  # the state before the heavy imports, which take seconds 
 EXIT_FATAL = 3  # starting this process again cannot help: its supervisor stops the run and shows the last line
 EXIT_RUNS_ALREADY = 4  # another process has the name: its supervisor looks after that one instead
 STRETCH_S = 0.05
-PR_SET_PDEATHSIG = 1  # of Linux
 SWITCH_S = 0.0005  # a message that arrives while Python works is taken up after this, not after 5 ms
 OBJECTS_A_COLLECTION = 50_000  # the default, 700, has imports pass through all that is loaded over and over
 COMPILE_PATIENCE_S = 600.0  # a function that takes longer to compile, with all that it calls, hangs
@@ -64,12 +63,6 @@ class Stopping:
         deadline = time.monotonic() + seconds
         while not self.asked and (left := deadline - time.monotonic()) > 0:
             time.sleep(min(left, STRETCH_S))
-
-
-def end_with_parent() -> None:
-    """Have the kernel send this process SIGTERM when the one that started it is gone, however it went."""
-    if ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGTERM):
-        raise OSError(ctypes.get_errno(), "prctl: the end of the parent cannot be watched")
 
 
 class HeartbeatPublisher:
@@ -150,7 +143,7 @@ def join(
     endpoint, namespace = folder.endpoint_and_namespace()
     credentials = folder.credentials()
     if credentials is not None:
-        end_with_parent()  # nobody else on this machine would end it
+        end_with_parent(signal.SIGTERM)  # nobody else on this machine would end it
     incarnation = uuid.uuid4().hex[:16]
     with ExitStack() as stack:
         bus = stack.enter_context(open_bus(endpoint, namespace, inbox=inbox, credentials=credentials))

@@ -4,22 +4,10 @@ The kernel sees to it: what computes for hours in compiled code hears of no sign
 and of no thread. It kills when the thread ends that started this process, so that shall be the parent's main thread.
 """
 
-import ctypes
-import os
 import runpy
-import signal
 import sys
 
-PR_SET_PDEATHSIG = 1
-
-
-def end_with(parent: int) -> None:
-    """Have this process killed when its parent ends, also if that is gone already."""
-    libc = ctypes.CDLL(None, use_errno=True)
-    if libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL):
-        raise OSError(ctypes.get_errno(), "the kernel binds no process to its parent")
-    if os.getppid() != parent:  # it ended before the kernel knew
-        os.kill(os.getpid(), signal.SIGKILL)
+from common.parent import end_with
 
 
 def main() -> None:

@@ -7,7 +7,6 @@ gives the same faults in the same order.
 """
 
 import argparse
-import json
 import os
 import shutil
 import signal
@@ -29,6 +28,8 @@ from strangers import Stranger, stranger  # noqa: E402
 
 from common.folder import RunFolder  # noqa: E402  (the project's root first)
 from common.locks import holder, living  # noqa: E402
+from common.records.rows import EpisodeRow  # noqa: E402
+from common.rows import read_rows  # noqa: E402
 from deploy.runs import supervised  # noqa: E402
 from tools.bench.alone import Alone  # noqa: E402
 
@@ -150,7 +151,7 @@ class Campaign:
         resumed = 0
         while True:
             self._wait(run, lambda: _trained(run) > trained or not supervised(run))
-            if supervised(run) or _outcome(run) == "finished":
+            if supervised(run) or _is_finished(run):
                 return resumed
             self._up(run)
             resumed += 1
@@ -164,7 +165,7 @@ class Campaign:
     def _finish(self, run: RunFolder) -> None:
         while True:
             self._wait(run, lambda: not supervised(run))
-            if _outcome(run) == "finished":
+            if _is_finished(run):
                 return
             self._up(run)
 
@@ -176,37 +177,25 @@ class Campaign:
             time.sleep(LOOK_S)
 
     def _compare(self, run: RunFolder) -> None:
-        found, rows = self.findings, _rows(run)
-        times = Counter(row["episode"] for row in rows)
+        found, rows = self.findings, read_rows(run.episodes_file, EpisodeRow)
+        times = Counter(row.episode for row in rows)
         expected = [(episode.digest, episode.steps) for episode in Alone(run.config()).run()]
         found.rounds += 1
         found.episodes += len(expected)
         found.lost += sum(episode not in times for episode in range(len(expected)))
         found.counted_twice += sum(count - 1 for count in times.values())
-        found.different += sum((row["digest"], row["steps"]) != expected[row["episode"]] for row in rows)
+        found.different += sum((row.digest, row.steps) != expected[row.episode] for row in rows)
         found.orphans += sum(str(run.path) in command for command in _commands())
         if found.clean:
             shutil.rmtree(run.path)
 
 
-def _rows(run: RunFolder) -> list[dict[str, object]]:
-    """The whole lines of the run's episodes."""
-    try:
-        text = run.episodes_file.read_text()
-    except FileNotFoundError:
-        return []
-    return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
-
-
 def _trained(run: RunFolder) -> int:
-    return len(_rows(run))
+    return len(read_rows(run.episodes_file, EpisodeRow))
 
 
-def _outcome(run: RunFolder) -> str:
-    try:
-        return str(json.loads(run.outcome_file.read_text())["outcome"])
-    except (OSError, ValueError, KeyError):
-        return "ended without a word"
+def _is_finished(run: RunFolder) -> bool:
+    return (outcome := run.outcome()) is not None and outcome.outcome == "finished"
 
 
 def _kill_all(run: RunFolder) -> None:

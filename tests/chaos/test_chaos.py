@@ -1,6 +1,7 @@
 """A few faults upon a real run; `make chaos` has them by the hundred."""
 
 from collections import Counter
+from types import SimpleNamespace
 
 import campaign
 import pytest
@@ -37,8 +38,8 @@ def test_the_same_seed_draws_the_same_faults():
 def test_a_changed_run_is_found(tmp_path, monkeypatch):
     made = Campaign(tmp_path, "dddqn", seed=1, episodes=3, say=print)
     run = campaign.RunFolder(tmp_path)
-    rows = [{"episode": episode, "digest": "a", "steps": 1} for episode in (0, 1, 1)]
-    monkeypatch.setattr(campaign, "_rows", lambda _run: rows)
+    rows = [SimpleNamespace(episode=episode, digest="a", steps=1) for episode in (0, 1, 1)]
+    monkeypatch.setattr(campaign, "read_rows", lambda *_: rows)
     monkeypatch.setattr(campaign.RunFolder, "config", lambda _run: None)
     monkeypatch.setattr(campaign, "Alone", lambda _config: Counted())
     made._compare(run)

@@ -304,7 +304,7 @@ def test_a_place_needs_a_configuration_and_a_cluster(tmp_path, handlers):
 
 def test_an_actor_on_another_machine_beats_where_only_the_status_believes_it(run, handlers, monkeypatch):
     watched = []
-    monkeypatch.setattr(process, "end_with_parent", lambda: watched.append(True))
+    monkeypatch.setattr(process, "end_with_parent", watched.append)
     cluster = json.loads(run.cluster_file.read_text())
     run.cluster_file.write_text(
         json.dumps(cluster | {"keys": "keys"})
@@ -316,7 +316,7 @@ def test_an_actor_on_another_machine_beats_where_only_the_status_believes_it(run
         with service_context(run, "actor-node7-easy-0", "actor") as place:
             until_heard(place, beats["heartbeats/far"])
     assert beats["heartbeats"].empty()
-    assert watched  # nobody else on its machine would end it
+    assert watched == [signal.SIGTERM]  # nobody else on its machine would end it
 
 
 def until_heard(place, beats):
@@ -334,8 +334,8 @@ sys.stdin.read()
 """
 CHILD = """
 import signal
-from common.process import end_with_parent
-end_with_parent()
+from common.parent import end_with_parent
+end_with_parent(signal.SIGTERM)
 print("ready", flush=True)
 signal.pause()
 """

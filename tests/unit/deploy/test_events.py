@@ -4,29 +4,16 @@ from datetime import datetime as real
 from pathlib import Path
 
 import pytest
+from learner_report import LEARNER
 
 from common.folder import RunFolder
 from common.process import STARTING, Fatal
-from common.records.heartbeats import Heartbeat, LearnerReport
+from common.records.heartbeats import Heartbeat
 from deploy import events
 from deploy.events import DamagedSnapshots, EventLog, changes, last_events
 from deploy.supervisor import Happening
 
-REPORT = LearnerReport(
-    done=40,
-    leased=1,
-    waiting={},
-    weights_version=41,
-    snapshot=30,
-    checkpoints=2,
-    return_last_100=None,
-    episodes_per_s=2.0,
-    steps_per_s=100.0,
-    refused=0,
-    duplicates=3,
-    reissued=0,
-    exact_until=None,
-)
+REPORT = LEARNER.model_copy(update={"reissued": 0})
 
 
 @pytest.fixture

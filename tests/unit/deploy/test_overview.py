@@ -4,10 +4,11 @@ import os
 from pathlib import Path
 
 import pytest
+from learner_report import LEARNER
 
 from common.folder import RunFolder
 from common.records.control import ProcessStatus, Status
-from common.records.heartbeats import EvaluatorReport, Heartbeat, LearnerReport
+from common.records.heartbeats import EvaluatorReport, Heartbeat
 from common.wire.codec import decode, encode, encoding_of
 from deploy.overview import overview, progress_of, run_is_complete
 from deploy.plan import cluster
@@ -15,21 +16,6 @@ from deploy.resolve import resolve
 from deploy.supervisor import Beat, Exited, Limits, StopAsked, Supervisor, Tick, Wanted
 
 CONFIG = resolve({"mix": {"easy": 0.5, "hard": 0.5}, "episodes": 100, "evaluation": {"every_episodes": 50}})
-LEARNER = LearnerReport(
-    done=40,
-    leased=1,
-    waiting={},
-    weights_version=41,
-    snapshot=30,
-    checkpoints=2,
-    return_last_100=None,
-    episodes_per_s=2.0,
-    steps_per_s=100.0,
-    refused=0,
-    duplicates=3,
-    reissued=4,
-    exact_until=None,
-)
 PIDS = {"router": 10, "learner": 11, "evaluator": 12, "actor-easy-0": 13, "actor-hard-0": 14}
 
 
