@@ -9,7 +9,7 @@ PACKAGES := adapters analysis common deploy services tools
 # All that runs and evaluations need, so that no first start takes a minute longer than others.
 COMPILERS := common.policy.compile services.learner.compile services.evaluator.references.compile
 
-.PHONY: install demo check test parity browser sb3 soak chaos results clean
+.PHONY: install demo check test parity browser sb3 soak chaos fuzz results clean
 
 install: $(VENV)/installed
 
@@ -54,6 +54,10 @@ soak: install
 # Random faults upon real runs, which must come to the curve of an undisturbed one; the same seed draws the same faults.
 chaos: install
 	$(TEST_ENVIRONMENT) $(BIN)/python tests/chaos/campaign.py --seed $(or $(SEED),1) --faults $(or $(FAULTS),50)
+
+# Damaged and hostile messages, files and run files, so many cases of each property: a million in all, in about an hour.
+fuzz: install
+	$(TEST_ENVIRONMENT) RAILCTL_FUZZ_CASES=$(or $(CASES),15000) $(BIN)/pytest -n 2 -m fuzz --hypothesis-show-statistics
 
 # Makes tables, figures and pages anew from the results that are kept with the project.
 results: install

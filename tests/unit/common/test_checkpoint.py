@@ -7,7 +7,8 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 import safetensors.numpy
-from hypothesis import given, settings
+from fuzzing import cases, fuzz
+from hypothesis import given
 from hypothesis import strategies as st
 
 from common import checkpoint
@@ -191,7 +192,8 @@ def test_a_changed_value_dtype_or_shape(tmp_path, change):
 DATA = to_bytes(tensors(), METADATA, "checkpoint")
 
 
-@settings(max_examples=400, deadline=None)
+@fuzz
+@cases(400)
 @given(st.integers(0, len(DATA) - 1), st.integers(1, 255))
 def test_a_flipped_byte_is_never_silently_wrong(position, flip):
     damaged = bytearray(DATA)
@@ -205,7 +207,8 @@ def test_a_flipped_byte_is_never_silently_wrong(position, flip):
         assert METADATA.items() <= metadata.items()
 
 
-@settings(max_examples=100, deadline=None)
+@fuzz
+@cases(100)
 @given(st.integers(0, len(DATA) - 1))
 def test_a_truncated_file_is_refused(length):
     with pytest.raises(CheckpointError):

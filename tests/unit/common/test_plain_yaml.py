@@ -2,7 +2,8 @@
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from fuzzing import cases, fuzz
+from hypothesis import given
 from hypothesis import strategies as st
 
 from common.plain_yaml import NotPlainYamlError, parse_yaml
@@ -107,7 +108,8 @@ def read(text):
         return str(error)
 
 
-@settings(deadline=None)
+@fuzz
+@cases(100)
 @given(PLAIN)
 def test_what_the_library_writes_is_read_as_the_library_reads_it(data):
     text = yaml.safe_dump(data)
@@ -115,7 +117,8 @@ def test_what_the_library_writes_is_read_as_the_library_reads_it(data):
     assert found == yaml.safe_load(text) or "cannot be printed" in found
 
 
-@settings(deadline=None)
+@fuzz
+@cases(100)
 @given(st.text(st.sampled_from("ab:-{}[]&*!|>'\"\\#%@,?= \n0.e<"), max_size=30))
 def test_any_text_is_data_or_refused_in_one_line(text):
     assert "\n" not in str(read(text))

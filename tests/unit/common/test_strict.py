@@ -3,7 +3,8 @@
 from typing import Annotated, Literal
 
 import pytest
-from hypothesis import given, settings
+from fuzzing import cases, fuzz
+from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field, Tag, ValidationError, model_validator
 
@@ -122,7 +123,8 @@ ANYTHING = st.recursive(
 )
 
 
-@settings(deadline=None)
+@fuzz
+@cases(100)
 @given(st.sampled_from(sorted(Picture.model_fields)), ANYTHING)
 def test_whatever_is_wrong_is_said_in_one_line_that_begins_with_its_field(field, value):
     try:

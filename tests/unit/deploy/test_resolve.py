@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from fuzzing import cases, fuzz
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -624,3 +625,46 @@ def test_keys_are_found_from_wherever_the_run_goes_on(tmp_path, monkeypatch):
     assert resolve_existing(saved, given, "one").cluster.keys == str(tmp_path / "keys")
     closed = parse_sets(["cluster.listen=null", "cluster.keys=null"])
     assert resolve_existing(saved, closed, "one").cluster == resolve({}).cluster
+
+
+ODD = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**70), 2**70)
+    | st.floats()
+    | st.text(max_size=4)
+    | st.sampled_from(["easy", "any", "auto", "tls/a:1", "1e400", "x" * 10_000, 10**400, -1, 0, 2**31, 2**63]),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3) | st.just("kind"), inner, max_size=3)
+    ),
+    max_leaves=6,
+)
+
+
+def places_in(data, above=()):
+    """The path of every value in a mapping of mappings."""
+    for key, value in data.items():
+        yield (*above, key)
+        if isinstance(value, dict):
+            yield from places_in(value, (*above, key))
+
+
+@fuzz
+@pytest.mark.parametrize("algorithm", algorithms())
+@cases(50)
+@given(data=st.data())
+def test_any_value_in_any_place_of_a_run_file_is_taken_or_refused_in_one_line(algorithm, data):
+    run = resolve({"algorithm": algorithm}).plain()
+    for place in data.draw(st.lists(st.sampled_from(list(places_in(run))), min_size=1, max_size=3)):
+        section = run
+        for key in place[:-1]:
+            section = section.get(key) if isinstance(section, dict) else None
+        if isinstance(section, dict):
+            section[data.draw(st.just(place[-1]) | st.text(max_size=3))] = data.draw(ODD)
+    try:
+        config = resolve(run)
+    except ConfigError as error:
+        assert "\n" not in str(error)  # noqa: PT017
+        assert len(str(error)) < 1000  # noqa: PT017
+    else:
+        assert parse_config(config.plain()) == config

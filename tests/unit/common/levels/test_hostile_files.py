@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from fuzzing import cases, fuzz
+from hypothesis import given
 from hypothesis import strategies as st
 from saved import LEVEL, Saved, effects_in_each_other, packed, pickled, static, third
 
@@ -180,8 +181,9 @@ def archive() -> bytes:
 WHOLE = {"third.pkl": pickled(third()), "static.mpk": packed(static(6)), "ours.npz": archive()}
 
 
+@fuzz
 @pytest.mark.parametrize("name", WHOLE)
-@settings(max_examples=150, deadline=None)
+@cases(150)
 @given(data=st.data())
 def test_what_is_cut_or_flipped_is_a_level_or_refused_in_one_line(
     tmp_path_factory: pytest.TempPathFactory, name: str, data: st.DataObject

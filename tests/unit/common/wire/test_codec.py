@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from fuzzing import cases, fuzz
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from made_episodes import answer_to, edited, lease_of
@@ -325,9 +326,10 @@ def test_every_record_on_a_channel_is_tested_here():
     assert travelling == set(MESSAGES)
 
 
+@fuzz
 @RECORD_TYPES
 def test_a_message_comes_back_as_it_was(record_type):
-    @settings(deadline=None, max_examples=40)
+    @cases(40)
     @given(MESSAGES[record_type])
     def comes_back(record):
         body = encode(record)
@@ -338,7 +340,8 @@ def test_a_message_comes_back_as_it_was(record_type):
     comes_back()
 
 
-@settings(deadline=None, max_examples=40)
+@fuzz
+@cases(40)
 @given(record=fragments())
 def test_a_fragment_comes_back_as_it_was_without_its_zeros(record):
     with pytest.MonkeyPatch.context() as patch:
@@ -443,9 +446,10 @@ def test_what_is_no_msgpack_is_refused(body, kind):
     assert refusal(control.Empty, body).startswith(f"Empty: not a message: {kind}: ")
 
 
+@fuzz
 @RECORD_TYPES
 def test_a_message_that_is_cut_off_is_refused(record_type):
-    @settings(deadline=None, max_examples=10)
+    @cases(10)
     @given(MESSAGES[record_type], st.data())
     def is_refused(record, data):
         body = encode(record)
@@ -456,8 +460,9 @@ def test_a_message_that_is_cut_off_is_refused(record_type):
     is_refused()
 
 
+@fuzz
 @pytest.mark.parametrize("record_type", [acting.Fragment, acting.Weights, control.Status, control.Empty])
-@settings(deadline=None, max_examples=150)
+@cases(150)
 @given(body=st.binary(max_size=200))
 @example(body=b"\x80")
 def test_random_bytes_are_refused_and_nothing_else_happens(record_type, body):
@@ -469,9 +474,10 @@ def test_random_bytes_are_refused_and_nothing_else_happens(record_type, body):
     assert same(taken, control.Empty())
 
 
+@fuzz
 @pytest.mark.parametrize("record_type", [acting.Fragment, acting.LeaseAnswer, acting.Weights, control.Status])
 def test_flipped_bytes_are_refused_or_give_another_valid_message(record_type):
-    @settings(deadline=None, max_examples=60)
+    @cases(60)
     @given(MESSAGES[record_type], st.data())
     def nothing_else_happens(record, data):
         body = bytearray(encode(record))
@@ -512,7 +518,8 @@ EXTENSIONS = (
 )
 
 
-@settings(deadline=None, max_examples=300)
+@fuzz
+@cases(300)
 @given(tensor=EXTENSIONS)
 @example(tensor=array("<f4", [0, 2**31 - 1, 2**31 - 1, 2**31 - 1], b""))
 @example(tensor=array("<f4", {}, b"\0\0\0\0"))
