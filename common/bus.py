@@ -361,6 +361,26 @@ def open_router(endpoint: str, door: Door | None = None) -> Iterator[None]:
         session.close()
 
 
+@contextmanager
+def open_relay(listen: str, host: str, credentials: Credentials) -> Iterator[Callable[[], bool]]:
+    """A router that links others, at `listen`, to the host of a run, until the end of the block.
+
+    Yields:
+        Whether the host is linked right now.
+
+    Raises:
+        OSError: it cannot listen there.
+    """
+    try:
+        session = _open(sessions.relay(listen, host, credentials))
+    except zenoh.ZError as error:
+        raise OSError(f"cannot listen on {listen}: {error}") from None
+    try:
+        yield lambda: bool(session.info.routers_zid())
+    finally:
+        session.close()
+
+
 def _open(settings: sessions.Plain) -> Any:
     zenoh.init_log_from_env_or("error")
     return zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))

@@ -1,11 +1,12 @@
 """The settings of Zenoh sessions: how processes are linked on one machine and over several, and who may do what."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from common.tls import Credentials, common_name
-from common.wire.keys import absolute
-from common.wire.rights import RIGHTS, Rights
+from common.tls import Credentials, FarRole, common_name
+from common.wire.keys import ALL_ALIVE, ROOT, absolute
+from common.wire.rights import BEHIND_A_RELAY, RIGHTS, Rights
 
 LEASE_MS = 2000  # a silent peer's tokens vanish after this
 NO_TIMEOUT_MS = -1
@@ -35,17 +36,8 @@ class Door:
 
 def client(endpoint: str, connect_timeout_s: float | None, credentials: Credentials | None) -> Plain:
     """Of a session that is linked to the router at `endpoint`, and to it again whenever the link is lost."""
-    timeout_ms = NO_TIMEOUT_MS if connect_timeout_s is None else int(connect_timeout_s * 1000)
-    return {
-        "mode": "client",
-        "connect": {
-            "endpoints": [endpoint],
-            "timeout_ms": timeout_ms,
-            "exit_on_failure": connect_timeout_s is not None,
-            "retry": {"period_init_ms": 20, "period_max_ms": 500, "period_increase_factor": 1.5},
-        },
-        **_common({} if credentials is None else _tls(credentials, "connect")),
-    }
+    link = {} if credentials is None else _tls(credentials, "connect")
+    return {"mode": "client", "connect": _connect(endpoint, connect_timeout_s), **_common(link)}
 
 
 def router(endpoint: str, door: Door | None) -> Plain:
@@ -60,13 +52,33 @@ def router(endpoint: str, door: Door | None) -> Plain:
     }
 
 
+def relay(listen: str, host: str, credentials: Credentials) -> Plain:
+    """Of a session that links other machines, at `listen`, to the host of a run, and again whenever that link is lost.
+
+    It does not know the run: which of all it is, the host sees to.
+    """
+    trusted = {"id": "host", "link_protocols": ["tls"], "cert_common_names": [common_name("host")]}
+    return {
+        "mode": "router",
+        "listen": _listen(listen),
+        "connect": _connect(host, None),
+        "access_control": _control(trusted, BEHIND_A_RELAY, f"{ROOT}/*"),
+        **_common(_tls(credentials, "listen", "connect")),
+    }
+
+
 def access_control(namespace: str) -> Plain:
     """Who may do what: all on a socket that only its user reaches, else what the role of a certificate may."""
+    return _control({"id": "this-machine", "link_protocols": ["unixsock-stream"]}, RIGHTS, namespace)
+
+
+def _control(trusted: Plain, roles: Mapping[FarRole, Rights], namespace: str) -> Plain:
+    """All for whom is trusted, else what a role may."""
     rules = [_rule("everything", list(EVERYTHING), ["ingress", "egress"], ["**"])]
-    subjects: list[Plain] = [{"id": "this-machine", "link_protocols": ["unixsock-stream"]}]
-    policies = [{"rules": ["everything"], "subjects": ["this-machine"]}]
-    for role, rights in RIGHTS.items():
-        theirs = _rules(role, rights, namespace)
+    subjects: list[Plain] = [trusted]
+    policies = [{"rules": ["everything"], "subjects": [trusted["id"]]}]
+    for role, rights in roles.items():
+        theirs = [*_rules(role, rights, namespace), *(_told(rights, namespace) if role == "relay" else ())]
         rules += theirs
         subjects.append({"id": role, "link_protocols": ["tls"], "cert_common_names": [common_name(role)]})
         policies.append({"rules": [rule["id"] for rule in theirs], "subjects": [role]})
@@ -98,6 +110,19 @@ def _rules(role: str, rights: Rights, namespace: str) -> list[Plain]:
     ]
 
 
+def _told(rights: Rights, namespace: str) -> list[Plain]:
+    """What a relay has to be told: routers pass on only what they know that somebody answers or wants to hear."""
+    wanted = (
+        ("knows-who-answers", "declare_queryable", [service.key for service in rights.asks]),
+        ("knows-who-listens", "declare_subscriber", [topic.key for topic in rights.publishes]),
+        ("knows-who-watches", "declare_liveliness_subscriber", [*rights.holds, ALL_ALIVE]),
+    )
+    return [
+        _rule(f"relay-{name}", [message], ["egress"], [absolute(namespace, key) for key in found])
+        for name, message, found in wanted
+    ]
+
+
 def _rule(name: str, messages: list[str], flows: list[str], keys: list[str]) -> Plain:
     return {"id": name, "permission": "allow", "messages": messages, "flows": flows, "key_exprs": keys}
 
@@ -106,15 +131,28 @@ def _listen(*endpoints: str) -> Plain:
     return {"endpoints": list(endpoints), "exit_on_failure": True}
 
 
-def _tls(credentials: Credentials, end: str) -> Plain:
-    """Both ends show a certificate; `end` is `connect` or `listen`."""
+def _connect(endpoint: str, timeout_s: float | None) -> Plain:
+    return {
+        "endpoints": [endpoint],
+        "timeout_ms": NO_TIMEOUT_MS if timeout_s is None else int(timeout_s * 1000),
+        "exit_on_failure": timeout_s is not None,
+        "retry": {"period_init_ms": 20, "period_max_ms": 500, "period_increase_factor": 1.5},
+    }
+
+
+def _tls(credentials: Credentials, *ends: str) -> Plain:
+    """Both ends of a link show a certificate; `ends` are `connect` or `listen`, or both."""
+    own = {
+        f"{end}_{name}": str(path)
+        for end in ends
+        for name, path in (("certificate", credentials.certificate), ("private_key", credentials.key))
+    }
     return {
         "tls": {
             "root_ca_certificate": str(credentials.authority),
             "enable_mtls": True,
             "verify_name_on_connect": True,
-            f"{end}_certificate": str(credentials.certificate),
-            f"{end}_private_key": str(credentials.key),
+            **own,
         }
     }
 

@@ -12,7 +12,7 @@ LINK = "tls/"
 FORM = re.compile(r"tls/(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9][A-Za-z0-9.-]*):([0-9]{1,5})", re.ASCII)
 AUTHORITY = "ca.pem"
 
-FarRole = Literal["host", "actor", "reader", "operator"]
+FarRole = Literal["host", "actor", "reader", "operator", "relay"]
 
 
 @dataclass(frozen=True)

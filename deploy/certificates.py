@@ -36,18 +36,22 @@ HERE = ("localhost", "127.0.0.1")
 REMEDY = "make keys anew with railctl keys create, or copy those that the run's host has"
 
 
-def create(folder: Path, hosts: Sequence[str]) -> None:
+def create(folder: Path, hosts: Sequence[str], relays: Sequence[str] = ()) -> None:
     """Make the keys of an authority of its own and of every role, in a folder that only its user may enter.
 
     Args:
         folder: there must be none yet.
         hosts: names and addresses by which other machines reach the run's host.
+        relays: those by which they reach relays; without any there are no keys for relays.
 
     Raises:
         ConfigError: one of these is no name or address.
         Failed: the folder is there already, or cannot be made.
     """
-    names = [_name_or_address(host) for host in dict.fromkeys([*hosts, *HERE])]
+    names: dict[FarRole, list[x509.GeneralName]] = {
+        "host": _names_or_addresses("host", hosts),
+        "relay": _names_or_addresses("relay", relays),
+    }
     signer = ec.generate_private_key(ec.SECP256R1())
     authority = _authority(signer)
     if folder.exists():
@@ -59,7 +63,8 @@ def create(folder: Path, hosts: Sequence[str]) -> None:
             temporary.mkdir(FOLDER_MODE)
             (temporary / AUTHORITY).write_bytes(authority.public_bytes(Encoding.PEM))
             for role in get_args(FarRole):
-                _write(Credentials(temporary, role), authority, signer, names)
+                if role != "relay" or relays:
+                    _write(Credentials(temporary, role), authority, signer, names.get(role, []))
         temporary.rename(folder)
     except OSError as error:
         shutil.rmtree(temporary, ignore_errors=True)
@@ -127,7 +132,12 @@ def _names(certificate: x509.Certificate) -> list[str]:
     return [str(part.value) for part in certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)]
 
 
-def _name_or_address(host: str) -> x509.GeneralName:
+def _names_or_addresses(role: FarRole, hosts: Sequence[str]) -> list[x509.GeneralName]:
+    """By which machines of a role are reached, also from themselves."""
+    return [_name_or_address(role, host) for host in dict.fromkeys([*hosts, *HERE])]
+
+
+def _name_or_address(role: FarRole, host: str) -> x509.GeneralName:
     try:
         return x509.IPAddress(ipaddress.ip_address(host))
     except ValueError:
@@ -135,7 +145,7 @@ def _name_or_address(host: str) -> x509.GeneralName:
     labels = host.split(".")
     if all(label.replace("-", "a").isalnum() and host.isascii() for label in labels) and len(host) <= 253:
         return x509.DNSName(host)
-    raise ConfigError(f"--host {host!r}: is no name or address of a machine: write for example --host node7")
+    raise ConfigError(f"--{role} {host!r}: is no name or address of a machine: write for example --{role} node7")
 
 
 def _authority(signer: ec.EllipticCurvePrivateKey) -> x509.Certificate:
@@ -163,16 +173,17 @@ def _write(
     signer: ec.EllipticCurvePrivateKey,
     names: Sequence[x509.GeneralName],
 ) -> None:
-    """The files of one role. Only the host is one that others connect to, and it never connects to others."""
-    is_host = credentials.role == "host"
-    purpose = ExtendedKeyUsageOID.SERVER_AUTH if is_host else ExtendedKeyUsageOID.CLIENT_AUTH
+    """The files of one role; `names` are for those that others connect to. The host never connects to others."""
+    purposes = [ExtendedKeyUsageOID.SERVER_AUTH] if names else []
+    if credentials.role != "host":
+        purposes.append(ExtendedKeyUsageOID.CLIENT_AUTH)
     key = ec.generate_private_key(ec.SECP256R1())
     builder = _builder(_subject(common_name(credentials.role)), authority.subject, key.public_key())
     builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-    builder = builder.add_extension(x509.ExtendedKeyUsage([purpose]), critical=True)
+    builder = builder.add_extension(x509.ExtendedKeyUsage(purposes), critical=True)
     issuer = x509.AuthorityKeyIdentifier.from_issuer_public_key(signer.public_key())
     builder = builder.add_extension(issuer, critical=False)
-    if is_host:
+    if names:
         builder = builder.add_extension(x509.SubjectAlternativeName(names), critical=False)
     certificate = builder.sign(signer, hashes.SHA256())
     credentials.certificate.write_bytes(certificate.public_bytes(Encoding.PEM))

@@ -38,6 +38,10 @@ app = group(
             "deploy.commands.join:join_run",
             "Act for a run on another machine, until it is trained or Ctrl-C; no folder of the run is needed here.",
         ),
+        "relay": Verb(
+            "deploy.commands.relay:relay",
+            "Link machines that join here to a run's host, by one link, until Ctrl-C.",
+        ),
         "down": Verb(
             "deploy.commands.down:down",
             "Stop every process of a run; the learner writes a snapshot first, so that nothing is lost.",

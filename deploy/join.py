@@ -34,6 +34,7 @@ log = logging.getLogger(__name__)
 
 PULL_TIMEOUT_S = 120.0  # of level files
 ASK_EVERY_S = 2.0
+SILENT_S = 10.0  # a run that is there beats every second
 ASK_TIMEOUT_S = 1.0
 MOST_NAME_CHARACTERS = 64  # of a process
 
@@ -44,6 +45,7 @@ class Joiner(Processes):
     def __init__(self, folder: RunFolder, specs: list[ProcessSpec]) -> None:
         self._address, self._namespace = folder.endpoint_and_namespace()
         self._known = False  # that the run at the other end of the link is ours
+        self._heard = 0.0  # when a process of its own machine was
         self._next_look = 0.0
         self.other: str | None = None  # the run that has its place
         super().__init__(folder, Supervisor(specs, Limits.of(folder.config().cluster)))
@@ -63,7 +65,8 @@ class Joiner(Processes):
 
     def look(self) -> None:
         """Whether there is still the same run at the other end of the link, each time when it is back."""
-        if self._bus is None or not self._bus.connected():
+        silent = time.monotonic() - self._heard > SILENT_S  # a link to a relay holds when that to the host does not
+        if self._bus is None or not self._bus.connected() or (self._known and silent):
             if self._known:
                 log.warning("no link to %s: goes on when it is back", self._address)
             self._known = False
@@ -74,13 +77,14 @@ class Joiner(Processes):
             except NoAnswer:
                 return  # its supervisor is only starting
             log.info("linked to run %s at %s", run.name, self._address)
-            self._known = True
+            self._known, self._heard = True, time.monotonic()
             if run.namespace != self._namespace:
                 self.other = run.name
                 self._handle(StopAsked("stopped"))
 
     def _on_beat_of_the_run(self, beat: Heartbeat) -> None:
         """Only processes of the run's own machine may send them."""
+        self._heard = time.monotonic()
         if beat.role == "learner" and beat.state == "finished":
             self._handle(StopAsked("finished"))
 

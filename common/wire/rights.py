@@ -37,4 +37,13 @@ READER = Rights(
 )
 OPERATOR = Rights(hears=READER.hears, asks=(*READER.asks, keys.SCALE, keys.STOP, keys.COMMAND_LEARNER))
 
-RIGHTS: dict[FarRole, Rights] = {"actor": ACTOR, "reader": READER, "operator": OPERATOR}
+# A host sees of what comes through a relay only that: it may what those behind it may, and nobody may command there.
+RELAY = Rights(
+    publishes=ACTOR.publishes,
+    hears=tuple(dict.fromkeys([*ACTOR.hears, *READER.hears])),
+    asks=tuple(dict.fromkeys([*ACTOR.asks, *READER.asks])),
+    holds=ACTOR.holds,
+)
+
+RIGHTS: dict[FarRole, Rights] = {"actor": ACTOR, "reader": READER, "operator": OPERATOR, "relay": RELAY}
+BEHIND_A_RELAY: dict[FarRole, Rights] = {"actor": ACTOR, "reader": READER, "operator": READER}

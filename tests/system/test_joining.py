@@ -28,7 +28,7 @@ FAR = f"actor-{host_for({'easy': 1})}-easy-0"
 
 @pytest.fixture
 def keys(tmp_path):
-    create(tmp_path / "keys", [HERE])
+    create(tmp_path / "keys", [HERE], ["127.0.0.1"])
     return tmp_path / "keys"
 
 
@@ -46,6 +46,10 @@ def joined_folders():
 
 @pytest.fixture
 def port():
+    return free_port()
+
+
+def free_port():
     with socket.create_server(("127.0.0.1", 0)) as free:
         return free.getsockname()[1]
 
@@ -174,6 +178,42 @@ def test_who_joined_waits_while_the_whole_run_is_down(clusters, undisturbed, key
     clusters.wait(lambda: not living(clusters.folder("down")))
     assert clusters.curve("down") == undisturbed
     assert last_actor(clusters, "down") == FAR
+
+
+@pytest.mark.slow
+def test_who_joined_through_a_relay_goes_on_through_the_next_one(clusters, undisturbed, keys, port, tail):
+    address, gate = f"tls/127.0.0.1:{port}", f"tls/127.0.0.1:{free_port()}"
+    begin_held(clusters, "relayed", address, keys)
+    clusters.wait(lambda: clusters.status("relayed")["state"] == "paused")
+    relay = start_relay(clusters, address, gate, keys)
+    joiner = join_by(clusters, gate, keys)
+    clusters.wait(lambda: heard_since(clusters, "relayed", 0))
+    rows = tail("relayed")
+    resume(clusters, "relayed")
+    rows.until(3)
+    clusters.pause("relayed")
+    relay.kill()
+    relay = start_relay(clusters, address, gate, keys)
+    began_at = time.time()
+    clusters.wait(lambda: heard_since(clusters, "relayed", began_at))
+    clusters.railctl("down", "relayed")  # the relay outlives the host
+    clusters.railctl("up", "--name", "relayed", "--detach")
+    up_at = time.time()
+    clusters.wait(lambda: heard_since(clusters, "relayed", up_at))
+    resume(clusters, "relayed")
+    left(joiner)
+    clusters.wait(lambda: not living(clusters.folder("relayed")))
+    relay.send_signal(signal.SIGINT)
+    assert relay.wait(PATIENCE_S) == 0
+    assert clusters.curve("relayed") == undisturbed
+    assert last_actor(clusters, "relayed") == FAR
+
+
+def start_relay(clusters, address, gate, keys):
+    """Start `railctl relay`, and wait for its link to the host."""
+    relay = clusters.start("relay", address, "--listen", gate, "--keys", str(keys))
+    assert relay.stdout.readline() == f"links {gate} to {address}\n"
+    return relay
 
 
 @pytest.mark.slow

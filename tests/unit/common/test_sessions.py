@@ -13,7 +13,7 @@ import pytest
 import zenoh
 
 from common import sessions
-from common.bus import NoAnswer, open_bus, open_router
+from common.bus import NoAnswer, open_bus, open_relay, open_router
 from common.private import private_endpoint, remove_endpoint
 from common.records.control import Empty
 from common.records.joining import RunIntroduction
@@ -21,20 +21,21 @@ from common.sessions import Door
 from common.tls import Credentials
 from common.wire import keys
 from common.wire.keys import Service, Topic, absolute
-from common.wire.rights import RIGHTS
+from common.wire.rights import BEHIND_A_RELAY, RIGHTS
 from deploy.certificates import create
 
 PATIENCE_S = 10.0
 REFUSED_S = 1.0  # a link that is refused is tried again until then
 TOPICS = [value for value in vars(keys).values() if isinstance(value, Topic)]
 SERVICES = [value for value in vars(keys).values() if isinstance(value, Service)]
-ROLES = sorted(RIGHTS)
+PLACES = (("host", RIGHTS), ("relay", BEHIND_A_RELAY))
+CASES = [(place, role, rights[role]) for place, rights in PLACES for role in rights]
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("keys") / "ours"
-    create(made, [])
+    create(made, [], ["127.0.0.1"])
     return made
 
 
@@ -46,15 +47,17 @@ def foreign(tmp_path_factory):
 
 
 class Cluster:
-    """A router with a door, and a session of its own machine."""
+    """A router with a door, and a session of its own machine; others come to the host itself or through a relay."""
 
-    def __init__(self, folder, stack):
+    def __init__(self, folder, stack, place):
         self.namespace = f"railctl/{uuid.uuid4().hex[:12]}"
         self.endpoint = private_endpoint()
         stack.callback(remove_endpoint, self.endpoint)
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            self.address = f"tls/127.0.0.1:{free.getsockname()[1]}"
-        stack.enter_context(open_router(self.endpoint, Door(self.address, self.namespace, Credentials(folder, "host"))))
+        host = self.address = free_address()
+        stack.enter_context(open_router(self.endpoint, Door(host, self.namespace, Credentials(folder, "host"))))
+        if place == "relay":
+            self.address = free_address()
+            stack.enter_context(open_relay(self.address, host, Credentials(folder, "relay")))
         self.near = stack.enter_context(opened(sessions.client(self.endpoint, PATIENCE_S, None)))
 
     def far(self, credentials):
@@ -64,14 +67,19 @@ class Cluster:
         return absolute(self.namespace, channel.key)
 
 
+def free_address():
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return f"tls/127.0.0.1:{free.getsockname()[1]}"
+
+
 def opened(settings):
     return zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
 
 
 @pytest.fixture
-def cluster(folder):
+def cluster(folder, request):
     with ExitStack() as stack:
-        yield Cluster(folder, stack)
+        yield Cluster(folder, stack, getattr(request, "param", "host"))
 
 
 @pytest.fixture
@@ -102,34 +110,36 @@ def passed(cluster, far):
 
 
 def each_role(test):
-    return pytest.mark.parametrize(("far", "role"), [(role, role) for role in ROLES], indirect=["far"])(test)
+    names = [f"{role} at the {place}" for place, role, _ in CASES]
+    return pytest.mark.parametrize(("cluster", "far", "rights"), CASES, ids=names, indirect=["cluster", "far"])(test)
 
 
 @each_role
-def test_what_a_role_may_not_publish_goes_nowhere(cluster, far, role):
+def test_what_a_role_may_not_publish_goes_nowhere(cluster, far, rights):
     came = []
-    subscriber = cluster.near.declare_subscriber(f"{cluster.namespace}/**", lambda sample: came.append(sample.key_expr))
+    tried = [*(cluster.key(topic) for topic in TOPICS), f"{cluster.namespace}/weights"]
+    listening = [cluster.near.declare_subscriber(key, lambda sample: came.append(sample.key_expr)) for key in tried]
     passed(cluster, far)
-    for key in [*(cluster.key(topic) for topic in TOPICS), f"{cluster.namespace}/weights"]:
+    for key in tried:
         far.put(key, b"theirs")
         far.delete(key)
     passed(cluster, far)
-    assert {str(key) for key in came} == {cluster.key(topic) for topic in RIGHTS[role].publishes}
-    assert len(came) == len(RIGHTS[role].publishes)  # nothing was deleted
-    subscriber.undeclare()
+    assert {str(key) for key in came} == {cluster.key(topic) for topic in rights.publishes}
+    assert len(came) == len(rights.publishes)  # nothing was deleted
+    assert len(listening) == len(tried)
 
 
 @each_role
-def test_what_a_role_may_not_ask_is_never_heard(cluster, far, role):
+def test_what_a_role_may_not_ask_is_never_heard(cluster, far, rights):
     served = [serve(cluster.near, cluster.key(service), "ours") for service in SERVICES]
     passed(cluster, far)
     found = {service for service in SERVICES if answers(far, cluster.key(service))}
-    assert found == set(RIGHTS[role].asks)
+    assert found == set(rights.asks)
     assert len(served) == len(SERVICES)
 
 
 @each_role
-def test_what_a_role_may_not_hear_does_not_reach_it(cluster, far, role):
+def test_what_a_role_may_not_hear_does_not_reach_it(cluster, far, rights):
     came, fence = [], threading.Event()
 
     def hear(sample):
@@ -144,12 +154,12 @@ def test_what_a_role_may_not_hear_does_not_reach_it(cluster, far, role):
         cluster.near.put(cluster.key(topic), b"ours")
     cluster.near.put(cluster.key(keys.HEARTBEATS), "last")  # all roles hear them
     assert fence.wait(PATIENCE_S)
-    assert set(came) == {cluster.key(topic) for topic in RIGHTS[role].hears}
+    assert set(came) == {cluster.key(topic) for topic in rights.hears}
     assert len(listening) == len(wanted)
 
 
 @each_role
-def test_nobody_far_answers_in_place_of_the_run(cluster, far, role):
+def test_nobody_far_answers_in_place_of_the_run(cluster, far, rights):
     theirs = [serve(far, cluster.key(service), "theirs") for service in SERVICES]
     passed(cluster, far)
     assert [text for service in SERVICES for text in answers(cluster.near, cluster.key(service))] == []
@@ -157,13 +167,13 @@ def test_nobody_far_answers_in_place_of_the_run(cluster, far, role):
 
 
 @each_role
-def test_a_role_holds_no_token_but_its_own(cluster, far, role):
+def test_a_role_holds_no_token_but_its_own(cluster, far, rights):
     changes = SimpleQueue()
     watch = cluster.near.liveliness().declare_subscriber(f"{cluster.namespace}/{keys.ALL_ALIVE}", changes.put)
     passed(cluster, far)
     tokens = [far.liveliness().declare_token(f"{cluster.namespace}/alive/{kind}/x/1") for kind in ("learner", "actor")]
     passed(cluster, far)
-    if role == "actor":
+    if rights.holds:
         assert str(changes.get(timeout=PATIENCE_S).key_expr) == f"{cluster.namespace}/alive/actor/x/1"
     assert changes.empty()
     assert len(tokens) == 2

@@ -15,13 +15,13 @@ from common.tls import Credentials
 from deploy import certificates
 from deploy.certificates import LIFETIME, check, create
 
-ROLES = ("host", "actor", "reader", "operator")
+ROLES = ("host", "actor", "reader", "operator", "relay")
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made") / "keys"
-    create(folder, ["node7", "10.1.2.3"])
+    create(folder, ["node7", "10.1.2.3"], ["gate"])
     return folder
 
 
@@ -57,11 +57,23 @@ def test_the_host_is_known_by_its_names_and_addresses_and_by_those_of_its_own_ma
     assert [str(address) for address in names.get_values_for_type(x509.IPAddress)] == ["10.1.2.3", "127.0.0.1"]
 
 
-def test_only_the_host_is_one_to_connect_to(made):
+def test_only_host_and_relay_are_to_connect_to_and_the_host_connects_to_nobody(made):
     for role in ROLES:
         certificate = x509.load_pem_x509_certificate((made / f"{role}.pem").read_bytes())
-        [purpose] = certificate.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
-        assert purpose._name == ("serverAuth" if role == "host" else "clientAuth")
+        purposes = certificate.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
+        wanted = {"host": ["serverAuth"], "relay": ["serverAuth", "clientAuth"]}.get(role, ["clientAuth"])
+        assert [purpose._name for purpose in purposes] == wanted
+
+
+def test_there_are_keys_for_a_relay_only_if_there_is_one(tmp_path):
+    create(tmp_path / "keys", ["node7"])
+    assert not list((tmp_path / "keys").glob("relay*"))
+
+
+def test_a_relay_is_known_by_its_own_names(made):
+    relay = x509.load_pem_x509_certificate((made / "relay.pem").read_bytes())
+    names = relay.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert names.get_values_for_type(x509.DNSName) == ["gate", "localhost"]
 
 
 @pytest.mark.parametrize("name", ["ca.pem", "actor.pem", "actor.key"])

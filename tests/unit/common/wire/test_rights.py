@@ -1,7 +1,7 @@
 """Who far away may do what: every right is written here, so that none comes by chance."""
 
 from common.wire import keys
-from common.wire.rights import RIGHTS
+from common.wire.rights import BEHIND_A_RELAY, RIGHTS
 
 SEEN = {"rows/episodes", "rows/evaluations", "checkpoints", "heartbeats", "heartbeats/far"}
 TOLD = {
@@ -12,6 +12,7 @@ TOLD = {
     "list/checkpoints",
     "pull/checkpoint",
 }
+BEHIND = {"actor": "actor", "reader": "reader", "operator": "reader"}
 
 
 def of(role):
@@ -38,8 +39,18 @@ def test_an_operator_commands_besides():
     assert RIGHTS["operator"].holds == ()
 
 
+def test_a_relay_may_what_those_behind_it_may_who_command_nothing():
+    assert of("relay") == [
+        {"fragments", "heartbeats/far"},
+        SEEN,
+        TOLD | {"pull/levels", "lease", "pull/weights"},
+    ]
+    assert RIGHTS["relay"].holds == ("alive/actor/*/*",)
+    assert {role: RIGHTS[may] for role, may in BEHIND.items()} == BEHIND_A_RELAY
+
+
 def test_the_host_connects_to_nobody():
-    assert set(RIGHTS) == {"actor", "reader", "operator"}
+    assert set(RIGHTS) == {"actor", "reader", "operator", "relay"}
 
 
 def test_nobody_far_sends_what_the_runs_own_machine_believes():
