@@ -7,7 +7,7 @@ app = group(
     {
         "create": Verb(
             "deploy.commands.keys.create:create_keys",
-            "Make an authority and a certificate for each role: host, actor, reader, operator, and relay if there is one.",
+            "Make an authority and a certificate for each role: host, actor, reader, operator, maybe relay.",
         ),
     },
 )

@@ -28,7 +28,7 @@ def create_keys(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Make an authority and a certificate for each role: host, actor, reader, operator, and relay if there is one."""
+    """Make an authority and a certificate for each role: host, actor, reader, operator, maybe relay."""
     folder = folder or runs_root().absolute().parent / "keys"
     known_as = hosts or [this_host()]
     create(folder, known_as, relays or [])
