@@ -94,8 +94,7 @@ def up(
     if detach:
         console.print(f"follow it with: railctl tail {folder.path.name}", markup=False, soft_wrap=True)
         return
-    watch(folder)
-    conclude(folder)
+    conclude(folder, terminated=watch(folder))
 
 
 def without_none(options: dict[str, Any]) -> dict[str, Any]:
@@ -132,11 +131,11 @@ def _prepare_levels(config: RunConfig) -> None:
     prepare_levels(config.world.levels, bank_root(runs_root()), config.cluster.cores)
 
 
-def conclude(folder: RunFolder) -> None:
+def conclude(folder: RunFolder, *, terminated: bool = False) -> None:
     """Print how a run ended: its table, folder and picture.
 
     Raises:
-        Failed: the run failed.
+        Failed: the run failed, or was stopped by SIGTERM: whoever sent it shall not take it for done.
     """
     outcome, reason = outcome_of(folder)
     episodes = read_rows(folder.episodes_file, EpisodeRow)
@@ -147,8 +146,7 @@ def conclude(folder: RunFolder) -> None:
     if outcome == "failed":
         raise Failed(reason)
     if outcome == "stopped":
-        console.print(
-            f"stopped after {counted(len(episodes), 'episode')}; railctl up --name {folder.path.name} goes on",
-            markup=False,
-            soft_wrap=True,
-        )
+        text = f"stopped after {counted(len(episodes), 'episode')}; railctl up --name {folder.path.name} goes on"
+        if terminated:
+            raise Failed(f"SIGTERM: {text}")
+        console.print(text, markup=False, soft_wrap=True)
