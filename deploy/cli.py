@@ -38,6 +38,10 @@ app = group(
             "deploy.commands.join:join_run",
             "Act for a run on another machine, until it is trained or Ctrl-C; no folder of the run is needed here.",
         ),
+        "place": Verb(
+            "deploy.commands.place:place",
+            "Print what has Slurm or Kubernetes start a run on several nodes; it starts nothing itself.",
+        ),
         "down": Verb(
             "deploy.commands.down:down",
             "Stop every process of a run; the learner writes a snapshot first, so that nothing is lost.",
