@@ -20,8 +20,8 @@ def join_run(
     keys: Annotated[Path, typer.Option(metavar="DIR", help="Folder with ca.pem, actor.pem and actor.key.")],
     actors: Annotated[str, typer.Option(help="By level, as easy=2,hard=1, or any=2.")],
     wait: Annotated[
-        float, typer.Option(min=0, metavar="SECONDS", help="For a run that is not there yet; default: none.")
-    ] = 0.0,
+        int, typer.Option(min=0, metavar="SECONDS", help="For a run that is not there yet; default: none.")
+    ] = 0,
 ) -> None:
     """Act for a run on another machine, until it is trained or Ctrl-C; no folder of the run is needed here."""
     counts = {level: count for level, count in parse_actors(actors).items() if count}

@@ -15,7 +15,7 @@ from common.folder import RunFolder
 from deploy.follow import wait_until
 
 RAILCTL = Path(sys.executable).with_name("railctl")
-PATIENCE_S = 300.0
+PATIENCE_S = 600.0
 NOT_OF_THE_CURVE = {"actor", "acting_s", "trained_unix_s", "evaluated_unix_s", "evaluating_s"}
 CONFIGURATION = """
 ClusterName=railctl

@@ -67,6 +67,14 @@ def has_joined(site, name, times=1):
     return log.exists() and len(re.findall(rf"{FAR.pattern} [0-9a-f]+ came", log.read_text())) == times
 
 
+def wait_for_end(site, name, outcome, job, state):
+    """Wait for the end of a run, and then of its job: a file costs less to look at again and again than a queue."""
+    file = RunFolder(site.runs / name).outcome_file
+    site.wait(file.exists)
+    assert json.loads(file.read_text())["outcome"] == outcome
+    site.wait(lambda: site.state(job) == state)
+
+
 def resume(site, name):
     with reach(RunFolder(site.runs / name)) as bus:
         assert bus.ask(keys.COMMAND_LEARNER, LearnerCommand(verb="resume"), PATIENCE_S).done
@@ -79,7 +87,7 @@ def actors(site, name):
 def test_a_run_over_two_nodes_has_the_curve_of_one_machine(site, undisturbed):
     job = submit_held(site, "two-nodes")
     resume(site, "two-nodes")
-    site.wait(lambda: site.state(job) == "COMPLETED")
+    wait_for_end(site, "two-nodes", "finished", job, "COMPLETED")
     assert site.curve("two-nodes") == undisturbed
     assert any(FAR.fullmatch(actor) for actor in actors(site, "two-nodes"))
     assert not list(site.runs.glob(".slurm-*"))  # its keys are gone
@@ -87,31 +95,28 @@ def test_a_run_over_two_nodes_has_the_curve_of_one_machine(site, undisturbed):
 
 def test_a_job_whose_time_is_up_goes_back_into_the_queue_and_goes_on(site, undisturbed):
     job = submit_held(site, "requeued")
-    folder = RunFolder(site.runs / "requeued")
     site.run("scancel", "--batch", "--signal=USR1", job)  # as Slurm does before the limit
-    site.wait(lambda: site.state(job) == "PENDING")
-    assert json.loads(folder.outcome_file.read_text())["outcome"] == "stopped"
+    wait_for_end(site, "requeued", "stopped", job, "PENDING")
     site.run("scontrol", "update", f"JobId={job}", "StartTime=now")  # or it waits for two minutes
     site.wait(lambda: has_joined(site, "requeued", 2))
     resume(site, "requeued")
-    site.wait(lambda: site.state(job) == "COMPLETED")
+    wait_for_end(site, "requeued", "finished", job, "COMPLETED")
     assert site.curve("requeued") == undisturbed
 
 
 def test_a_job_that_is_cancelled_ends_cleanly_and_stays_out_of_the_queue(site):
     job = submit_held(site, "cancelled")
     site.run("scancel", "--batch", "--signal=TERM", job)
-    site.wait(lambda: site.state(job) == "FAILED")
-    outcome = RunFolder(site.runs / "cancelled").outcome_file
-    assert json.loads(outcome.read_text())["outcome"] == "stopped"
+    wait_for_end(site, "cancelled", "stopped", job, "FAILED")
 
 
 def test_an_array_of_jobs_does_a_study_between_them(site, tmp_path):
     described = tmp_path / "shared.yaml"
     described.write_text(yaml.safe_dump(STUDY))
     job = site.submit(site.railctl("study", "place", str(described), "--shares", "2", "--cores", "1"))
-    site.wait(lambda: site.state(job).split() == ["COMPLETED"] * 2)
     folder = StudyFolder(site.runs / "shared")
+    site.wait(lambda: len([*folder.path.glob("evaluations/*.json"), *folder.path.glob("references/*.json")]) == 4)
+    site.wait(lambda: site.state(job).split() == ["COMPLETED"] * 2)
     logs = [(site.folder / f"shared-{job}_{task}.log").read_text() for task in (1, 2)]
     trained = [set(re.findall(r"dddqn-easy-\d: trained", log)) for log in logs]
     assert [len(runs) for runs in trained] == [2, 1]
