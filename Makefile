@@ -1,4 +1,4 @@
-# Everything runs in .venv, built from pinned constraints. No target but browser needs more than Python 3.11 and make.
+# Everything runs in .venv, built from pinned constraints. No target but browser and slurm needs more than Python 3.11 and make.
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
@@ -9,7 +9,7 @@ PACKAGES := adapters analysis common deploy services tools
 # All that runs and evaluations need, so that no first start takes a minute longer than others.
 COMPILERS := common.policy.compile services.learner.compile services.evaluator.references.compile
 
-.PHONY: install demo check test parity browser sb3 soak chaos fuzz results clean
+.PHONY: install demo check test parity browser sb3 slurm soak chaos fuzz results clean
 
 install: $(VENV)/installed
 
@@ -33,7 +33,7 @@ check: install
 	$(BIN)/lint-imports
 
 test: check
-	$(TEST_ENVIRONMENT) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not slow and not parity and not browser and not sb3'
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not slow and not parity and not browser and not sb3 and not slurm'
 
 parity: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m parity tests/parity
@@ -47,6 +47,10 @@ sb3: install
 	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[sb3]'
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m sb3 tests/unit/adapters
 	$(TEST_ENVIRONMENT) $(BIN)/python examples/train_sb3.py
+
+# Needs Slurm (Debian: apt-get install slurm-wlm munge), which it starts for itself with two nodes on this machine.
+slurm: install
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -m slurm tests/slurm
 
 soak: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m slow

@@ -52,11 +52,13 @@ class Stopping:
 
     def __init__(self) -> None:
         self.asked = False  # not an Event: setting one in a handler can deadlock with the wait that it interrupts
+        self.terminated = False  # by SIGTERM, which is no user's way
         signal.signal(signal.SIGTERM, self._on_signal)
         signal.signal(signal.SIGINT, self._on_signal)
 
-    def _on_signal(self, _number: int, _frame: object) -> None:
+    def _on_signal(self, number: int, _frame: object) -> None:
         self.asked = True
+        self.terminated = self.terminated or number == signal.SIGTERM
 
     def wait(self, seconds: float) -> None:
         """Wait, but not beyond the moment when somebody asks to stop."""

@@ -42,6 +42,10 @@ app = group(
             "deploy.commands.relay:relay",
             "Link machines that join here to a run's host, by one link, until Ctrl-C.",
         ),
+        "place": Verb(
+            "deploy.commands.place:place",
+            "Print what has Slurm or Kubernetes start a run on several nodes; it starts nothing itself.",
+        ),
         "down": Verb(
             "deploy.commands.down:down",
             "Stop every process of a run; the learner writes a snapshot first, so that nothing is lost.",

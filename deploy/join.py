@@ -23,18 +23,20 @@ from common.records.joining import LevelsRequest, RunIntroduction
 from common.strict import ConfigError, nearest
 from common.tls import Credentials
 from common.wire import keys
-from deploy.far import CONNECT_TIMEOUT_S, introduction, reach_far
+from deploy.far import CONNECT_TIMEOUT_S, introduced, introduction, reach_far
 from deploy.levels import prepare_levels
 from deploy.plan import ProcessSpec, actors
 from deploy.processes import Processes
 from deploy.runs import Failed
 from deploy.supervisor import Limits, Quit, StopAsked, Supervisor
+from deploy.termination import terminable
 
 log = logging.getLogger(__name__)
 
 PULL_TIMEOUT_S = 120.0  # of level files
 ASK_EVERY_S = 2.0
 SILENT_S = 10.0  # a run that is there beats every second
+LOOK_EVERY_S = 0.5  # for a run that is not there yet
 ASK_TIMEOUT_S = 1.0
 MOST_NAME_CHARACTERS = 64  # of a process
 
@@ -89,19 +91,28 @@ class Joiner(Processes):
             self._handle(StopAsked("finished"))
 
 
-def join(address: str, credentials: Credentials, counts: Mapping[str, int]) -> Quit:
+def join(address: str, credentials: Credentials, counts: Mapping[str, int], patience_s: float = 0.0) -> Quit:
     """Act for the run at an address until it is trained, or somebody asks to stop.
+
+    Args:
+        address: of the run's host.
+        credentials: of an actor.
+        counts: how many actors, by what they serve.
+        patience_s: how long to wait for a run that is not there yet.
 
     Raises:
         ConfigError: the run has no such levels.
         NoAnswer: it cannot be reached.
-        Failed: it cannot be acted here, or another run has its place.
+        Failed: it cannot be acted here, or another run has its place, or SIGTERM came before it was trained.
     """
     path = Path(tempfile.mkdtemp(prefix="railctl-join-"))  # which is its user's alone
     try:
-        folder = _made(RunFolder(path / "run"), address, credentials, counts)
+        with terminable():
+            _wait_for_run(address, credentials, patience_s)
+            folder = _made(RunFolder(path / "run"), address, credentials, counts)
+        stopping = Stopping()
         joiner = Joiner(folder, actors(counts, host_for(counts)))
-        end = joiner.run(Stopping())
+        end = joiner.run(stopping)
     except BaseException:
         shutil.rmtree(path)
         raise
@@ -110,7 +121,26 @@ def join(address: str, credentials: Credentials, counts: Mapping[str, int]) -> Q
     shutil.rmtree(path)
     if joiner.other is not None:
         raise Failed(f"{address} has another run now, {joiner.other}: join that one")
+    if stopping.terminated and end.outcome == "stopped":
+        raise Failed("SIGTERM: left the run before it was trained")
     return end
+
+
+def _wait_for_run(address: str, credentials: Credentials, patience_s: float) -> None:
+    """Wait until a run says its name at an address; raises as `introduced`, but not before patience is over."""
+    deadline, said = time.monotonic() + patience_s, ""
+    while True:
+        try:
+            introduced(address, credentials)
+        except NoAnswer as reason:
+            if time.monotonic() >= deadline:
+                raise
+            if said != str(reason):
+                said = str(reason)
+                log.info("waits for the run: %s", reason)
+            time.sleep(LOOK_EVERY_S)
+        else:
+            return
 
 
 def _made(folder: RunFolder, address: str, credentials: Credentials, counts: Mapping[str, int]) -> RunFolder:
@@ -147,7 +177,8 @@ def _pull_levels(folder: RunFolder, config: RunConfig, bus: Bus) -> None:
 
 
 def host_for(counts: Mapping[str, int]) -> str:
-    """The name of this machine, as far as names of actors have room for it."""
-    room = MOST_NAME_CHARACTERS - max(len(spec.name) for spec in actors(counts)) - 1
+    """The name of this machine, as far as names of actors have room for it, and the process: two may join from here."""
+    own = f"-{os.getpid()}"
+    room = MOST_NAME_CHARACTERS - max(len(spec.name) for spec in actors(counts)) - len(own) - 1
     name = re.sub(r"[^A-Za-z0-9_.-]", "-", socket.gethostname().partition(".")[0])
-    return name[-room:] or "host"
+    return (name[-room:] or "host") + own

@@ -34,12 +34,12 @@ class ProcessSpec:
 
 
 def actors(counts: Mapping[str, int], host: str = "") -> list[ProcessSpec]:
-    """The actors for these counts; scaling keeps the names of those that stay. On another machine they bear its name.
+    """The actors for these counts; scaling keeps the names of those that stay, elsewhere they bear that of who joined.
 
     >>> [spec.name for spec in actors({"easy": 2})]
     ['actor-easy-0', 'actor-easy-1']
-    >>> [spec.name for spec in actors({"easy": 1}, "node7")]
-    ['actor-node7-easy-0']
+    >>> [spec.name for spec in actors({"easy": 1}, "node7-4711")]
+    ['actor-node7-4711-easy-0']
     """
     stem = f"actor-{host}" if host else "actor"
     return [

@@ -1,4 +1,4 @@
-"""The foreground of `railctl up`: a live view in a terminal, a line now and then elsewhere; Ctrl-C stops the run."""
+"""The foreground of `railctl up`: a live view in a terminal, lines elsewhere; Ctrl-C and SIGTERM stop the run."""
 
 import os
 import signal
@@ -16,18 +16,36 @@ from deploy.follow import Row, Rows, live_status
 from deploy.output import console
 from deploy.runs import Failed, reach, supervised
 from deploy.show import progress_line, row_line, view
+from deploy.termination import Terminated, terminable
 
 REFRESH_S = 0.5
 LINE_EVERY_S = 5.0
 LOOK_S = 0.05
 
 
-def watch(folder: RunFolder) -> None:
-    """Show a run until its supervisor ends. Ctrl-C asks for a clean stop, a second one forces it.
+def watch(folder: RunFolder) -> bool:
+    """Show a run until its supervisor ends. Ctrl-C or SIGTERM asks for a clean stop, a second one forces it.
+
+    Returns:
+        Whether SIGTERM came.
 
     Raises:
         Failed: the supervisor was killed.
     """
+    terminated = False
+    with terminable():
+        while supervised(folder):
+            try:
+                _follow(folder)
+            except KeyboardInterrupt as interrupt:
+                terminated = terminated or isinstance(interrupt, Terminated)
+                _stop(folder)
+    if not folder.outcome_file.exists():
+        raise Failed(f"the supervisor was killed: railctl up --name {folder.path.name} takes over what lives")
+    return terminated
+
+
+def _follow(folder: RunFolder) -> None:
     follow = _in_terminal if console.is_terminal else _in_lines
     while supervised(folder):
         try:
@@ -35,10 +53,6 @@ def watch(folder: RunFolder) -> None:
                 follow(folder, bus)
         except NoAnswer:
             time.sleep(LOOK_S)  # the router is only starting, or is being started again
-        except KeyboardInterrupt:
-            _stop(folder)
-    if not folder.outcome_file.exists():
-        raise Failed(f"the supervisor was killed: railctl up --name {folder.path.name} takes over what lives")
 
 
 def _stop(folder: RunFolder) -> None:

@@ -9,7 +9,7 @@ from common.levels.bank import bank_root
 from common.requests import MOST_EPISODES, DemonstrationRequest, Demonstrator
 from common.strict import ConfigError
 from deploy.commands.references import check_orders, found_checkpoint
-from deploy.commands.up import without_none
+from deploy.commands.run_options import without_none
 from deploy.levels import prepare_levels
 from deploy.output import AsJson, counted, one_line_errors, say
 from deploy.resolve import algorithms, merge, parse_sets, read_file, resolve

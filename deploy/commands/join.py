@@ -19,6 +19,9 @@ def join_run(
     address: Annotated[str, typer.Argument(metavar="ADDRESS", help="Of the run's machine, as tls/node7:7447.")],
     keys: Annotated[Path, typer.Option(metavar="DIR", help="Folder with ca.pem, actor.pem and actor.key.")],
     actors: Annotated[str, typer.Option(help="By level, as easy=2,hard=1, or any=2.")],
+    wait: Annotated[
+        int, typer.Option(min=0, metavar="SECONDS", help="For a run that is not there yet; default: none.")
+    ] = 0,
 ) -> None:
     """Act for a run on another machine, until it is trained or Ctrl-C; no folder of the run is needed here."""
     counts = {level: count for level, count in parse_actors(actors).items() if count}
@@ -26,5 +29,5 @@ def join_run(
         raise ConfigError(f"--actors {actors}: give at least one")
     credentials = credentials_for(address, keys, "actor")
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(message)s")
-    end = join(address, credentials, counts)
+    end = join(address, credentials, counts, wait)
     console.print("all episodes are trained" if end.outcome == "finished" else "left the run", markup=False)

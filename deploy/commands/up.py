@@ -11,6 +11,21 @@ from common.levels.bank import bank_root
 from common.locks import living
 from common.records.rows import EpisodeRow, EvaluationRow
 from common.rows import read_rows
+from deploy.commands.run_options import (
+    Actors,
+    Algorithm,
+    Cores,
+    Engine,
+    Episodes,
+    Lag,
+    Level,
+    OfName,
+    RunFile,
+    Seed,
+    Settings,
+    base_of,
+    given_by,
+)
 from deploy.commands.scale import scale_to
 from deploy.follow import outcome_of
 from deploy.launch import (
@@ -25,7 +40,7 @@ from deploy.launch import (
 )
 from deploy.levels import prepare_levels, read_own
 from deploy.output import console, counted, one_line_errors, print_table
-from deploy.resolve import algorithms, merge, parse_actors, parse_sets, read_file, resolve, resolve_existing
+from deploy.resolve import parse_actors, resolve, resolve_existing
 from deploy.runs import Failed, runs_root, supervised
 from deploy.show import summary
 from deploy.watch import watch
@@ -33,53 +48,42 @@ from deploy.watch import watch
 
 @one_line_errors
 def up(
-    file: Annotated[Path | None, typer.Option("--file", "-f", help="Run file (YAML).")] = None,
-    name: Annotated[str | None, typer.Option(help="Name of the run; an existing one goes on.")] = None,
-    algorithm: Annotated[str | None, typer.Option(help=f"Preset: {', '.join(algorithms())}; default: dddqn.")] = None,
-    level: Annotated[
-        str | None, typer.Option(help="Name of levels that ship, or of the run file; default: easy.")
-    ] = None,
-    actors: Annotated[
-        str | None,
-        typer.Option(
-            help="By level, as easy=2,hard=1, or any=2; default: one a level, with lag 0 none: the learner acts."
-        ),
-    ] = None,
-    episodes: Annotated[int | None, typer.Option(help="Episodes to train; default: 1500.")] = None,
-    seed: Annotated[int | None, typer.Option(help="Of everything random; default: 1.")] = None,
-    lag: Annotated[int | None, typer.Option(help="Episodes that run ahead of training; default: 0.")] = None,
-    cores: Annotated[int | None, typer.Option(help="Cores that all processes share; default: 2.")] = None,
-    engine: Annotated[str | None, typer.Option(help="Of the worlds, compiled or flatland; default: compiled.")] = None,
+    file: RunFile = None,
+    name: OfName = None,
+    algorithm: Algorithm = None,
+    level: Level = None,
+    actors: Actors = None,
+    episodes: Episodes = None,
+    seed: Seed = None,
+    lag: Lag = None,
+    cores: Cores = None,
+    engine: Engine = None,
     listen: Annotated[
         str | None, typer.Option(help="Where other machines join, as tls/0.0.0.0:7447; needs --keys.")
     ] = None,
     keys: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder that railctl keys create made.")] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", help="Any setting, as dqn.batch_size=64; may be repeated.")
-    ] = None,
+    settings: Settings = None,
     detach: Annotated[bool, typer.Option("--detach", help="Return at once; attach with railctl tail.")] = False,
 ) -> None:
     """Start a run or go on with one: router, learner, actors, evaluator and their supervisor."""
-    given: dict[str, Any] = {} if file is None else read_file(file)
-    base = Path() if file is None else file.parent
-    options = {
-        "algorithm": algorithm,
-        "level": level,
-        "episodes": episodes,
-        "seed": seed,
-        "lag": lag,
-        "engine": engine,
-        "cluster": {
-            "actors": parse_actors(actors) if actors else None,
-            "cores": cores,
-            "listen": listen,
-            "keys": None if keys is None else str(keys.absolute()),
-        },
+    cluster = {
+        "actors": parse_actors(actors) if actors else None,
+        "cores": cores,
+        "listen": listen,
+        "keys": None if keys is None else str(keys.absolute()),
     }
-    if level is not None:
-        given.pop("mix", None)  # options go before the file
-    given = merge(merge(given, without_none(options)), parse_sets(settings or []))
-    folder, config = prepare(name, given, base)
+    given = given_by(
+        file,
+        settings,
+        algorithm=algorithm,
+        level=level,
+        episodes=episodes,
+        seed=seed,
+        lag=lag,
+        engine=engine,
+        cluster=cluster,
+    )
+    folder, config = prepare(name, given, base_of(file))
     if outcome_of(folder)[0] == "finished" and not living(folder):
         console.print(f"run {folder.path.name} is finished", markup=False)
         conclude(folder)
@@ -94,14 +98,7 @@ def up(
     if detach:
         console.print(f"follow it with: railctl tail {folder.path.name}", markup=False, soft_wrap=True)
         return
-    watch(folder)
-    conclude(folder)
-
-
-def without_none(options: dict[str, Any]) -> dict[str, Any]:
-    """Only what was given."""
-    kept = {key: without_none(value) if isinstance(value, dict) else value for key, value in options.items()}
-    return {key: value for key, value in kept.items() if value is not None and value != {}}
+    conclude(folder, terminated=watch(folder))
 
 
 def prepare(name: str | None, given: dict[str, Any], base: Path = Path()) -> tuple[RunFolder, RunConfig]:
@@ -132,11 +129,11 @@ def _prepare_levels(config: RunConfig) -> None:
     prepare_levels(config.world.levels, bank_root(runs_root()), config.cluster.cores)
 
 
-def conclude(folder: RunFolder) -> None:
+def conclude(folder: RunFolder, *, terminated: bool = False) -> None:
     """Print how a run ended: its table, folder and picture.
 
     Raises:
-        Failed: the run failed.
+        Failed: the run failed, or was stopped by SIGTERM: whoever sent it shall not take it for done.
     """
     outcome, reason = outcome_of(folder)
     episodes = read_rows(folder.episodes_file, EpisodeRow)
@@ -147,8 +144,7 @@ def conclude(folder: RunFolder) -> None:
     if outcome == "failed":
         raise Failed(reason)
     if outcome == "stopped":
-        console.print(
-            f"stopped after {counted(len(episodes), 'episode')}; railctl up --name {folder.path.name} goes on",
-            markup=False,
-            soft_wrap=True,
-        )
+        text = f"stopped after {counted(len(episodes), 'episode')}; railctl up --name {folder.path.name} goes on"
+        if terminated:
+            raise Failed(f"SIGTERM: {text}")
+        console.print(text, markup=False, soft_wrap=True)

@@ -14,6 +14,7 @@ from common.levels.distributions import AnyLevels, StockLevels
 from common.strict import ConfigError, flat, nearest
 from deploy.resolve import merge, preset_of, resolve, spelled_out
 from deploy.runs import Failed, runs_root
+from deploy.whole_paths import levels_with_whole_paths
 
 SHIPPED = Path(__file__).parents[1] / "studies"
 OF_THE_STUDY = ("algorithm", "rule", "level", "mix", "seed", "episodes")  # it gives them to its runs itself
@@ -44,17 +45,8 @@ def _found_from_anywhere(study: Study, base: Path) -> Study:
     levels = study.settings.get("levels")
     if not isinstance(levels, dict):
         return study
-    rooted = {name: _rooted(found, base) if isinstance(found, dict) else found for name, found in levels.items()}
-    return study.model_copy(update={"settings": study.settings | {"levels": rooted}})
-
-
-def _rooted(levels: dict[str, Any], base: Path) -> dict[str, Any]:
-    def rooted(value: Any) -> Any:
-        if isinstance(value, list):
-            return [rooted(one) for one in value]
-        return str(base / value) if isinstance(value, str) else value
-
-    return {key: rooted(value) if key in ("files", "evaluation") else value for key, value in levels.items()}
+    whole = levels_with_whole_paths(levels, base)
+    return study.model_copy(update={"settings": study.settings | {"levels": whole}})
 
 
 def named(study: Study, name: str | None) -> Study:

@@ -8,13 +8,14 @@ from typing import Any, Literal
 from analysis.report import archive
 from analysis.study import PlannedRun, Study, StudyFolder, planned_runs
 from common.folder import RunFolder
-from common.locks import holder
+from common.locks import living
 from common.records.rows import EpisodeRow
 from common.rows import DamagedRows, each_row
 from deploy.follow import outcome_of
 from deploy.runs import supervised
+from deploy.study.shares import Share
 
-COMMAND = "study"  # the name of the lock of the command that carries out a study
+COMMAND = "study"  # begins the names of the locks of commands that carry out a study
 
 State = Literal["waiting", "running", "trained", "done", "failed"]
 
@@ -62,20 +63,23 @@ class StudyProgress:
         return {run.run.name: run.reason for run in self.runs if run.state == "failed"}
 
     def cells(self) -> dict[tuple[str, str], list[RunProgress]]:
-        """The runs of each contender on each level."""
-        return {
+        """The runs of each contender on each level of which there are some."""
+        cells = {
             (contender.name, level): [run for run in self.runs if run.run[:2] == (contender.name, level)]
             for contender in self.study.contenders
             for level in self.study.levels
         }
+        return {cell: runs for cell, runs in cells.items() if runs}
 
 
 class Looking:
     """Looks at a study's folder again and again; what is over is read but once."""
 
-    def __init__(self, folder: StudyFolder, study: Study) -> None:
+    def __init__(self, folder: StudyFolder, study: Study, runs: Sequence[PlannedRun] | None = None) -> None:
+        """`runs` are those to look at, if not all."""
         self._folder = folder
         self._study = study
+        self._runs = list(planned_runs(study)) if runs is None else runs
         self._done: dict[PlannedRun, RunProgress] = {}
         self._scored: frozenset[tuple[str, str]] = frozenset()
         if folder.results.exists():  # of runs that were made elsewhere
@@ -87,7 +91,7 @@ class Looking:
         """The study as it is now."""
         return StudyProgress(
             self._study,
-            [self._run(run) for run in planned_runs(self._study)],
+            [self._run(run) for run in self._runs],
             {
                 (policy, level): (policy, level) in self._scored or self._folder.reference(policy, level).exists()
                 for policy in self._study.references
@@ -102,6 +106,16 @@ class Looking:
                 return found
             self._done[run] = found
         return self._done[run]
+
+
+def command_of(share: Share | None) -> str:
+    """The name of the lock of the command that carries out a study, or a share of it."""
+    return COMMAND if share is None else f"{COMMAND}-{share.number}-of-{share.out_of}"
+
+
+def commands(folder: StudyFolder) -> dict[str, int]:
+    """Name and pid of the commands of this machine that carry out a study."""
+    return {name: pid for name, pid in living(folder).items() if name.startswith(COMMAND)}
 
 
 def run_progress(folder: StudyFolder, study: Study, run: PlannedRun) -> RunProgress:
@@ -127,7 +141,7 @@ def status_document(folder: StudyFolder, progress: StudyProgress, time_left_s: f
     return {
         "study": progress.study.name,
         "path": str(folder.path),
-        "process": holder(folder, COMMAND),
+        "process": next(iter(commands(folder).values()), None),
         "runs_done": progress.count("done"),
         "runs_total": len(progress.runs),
         "episodes": progress.episodes,

@@ -2,6 +2,7 @@
 
 import time
 from collections import Counter
+from collections.abc import Sequence
 from types import TracebackType
 from typing import Self
 
@@ -55,8 +56,16 @@ def cell_table(progress: StudyProgress) -> Table:
 class StudyView:
     """The view of a study that goes on: live in a terminal, a line now and then elsewhere."""
 
-    def __init__(self, folder: StudyFolder, study: Study, cores: int, console: Console) -> None:
-        self._looking = Looking(folder, study)
+    def __init__(
+        self,
+        folder: StudyFolder,
+        study: Study,
+        cores: int,
+        console: Console,
+        runs: Sequence[PlannedRun] | None = None,
+    ) -> None:
+        """`runs` are those that it is about, if not all."""
+        self._looking = Looking(folder, study, runs)
         self._folder = folder
         self._study = study
         self._cores = cores

@@ -1,7 +1,7 @@
 """Carrying out a study: what the commands share."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -14,11 +14,12 @@ from common.process import Stopping
 from common.strict import ConfigError
 from deploy.runs import Failed, runs_root
 from deploy.study.described import configurations
-from deploy.study.dispatcher import Dispatcher, Job, in_order
+from deploy.study.dispatcher import Dispatcher, in_order
 from deploy.study.estimate import measured, run_seconds
 from deploy.study.levels import build_levels
-from deploy.study.progress import COMMAND, Looking
+from deploy.study.progress import Looking, command_of, commands
 from deploy.study.runner import Runner
+from deploy.study.shares import Share
 from deploy.study.view import StudyView
 
 
@@ -35,34 +36,44 @@ def cores_of(asked: int | None) -> int:
 
 
 @contextmanager
-def alone(folder: StudyFolder) -> Iterator[None]:
-    """Be the only command that works in a study's folder.
+def alone(folder: StudyFolder, share: Share | None = None) -> Iterator[None]:
+    """Be the only command that works on a study, or on this share of it: only others of as many go on beside it.
 
     Raises:
         Failed: another one does.
     """
     folder.path.mkdir(parents=True, exist_ok=True)
+    own = command_of(share)
     try:
-        with sole(folder, COMMAND):
+        with sole(folder, own):
+            others = {name: pid for name, pid in commands(folder).items() if name != own}
+            if share is not None:
+                others = {name: pid for name, pid in others.items() if not name.endswith(f"-of-{share.out_of}")}
+            for pid in others.values():
+                raise _works_already(folder, pid)
             yield
     except RunsAlreadyError:
-        name, pid = folder.path.name, holder(folder, COMMAND)
-        raise Failed(f"process {pid} works on study {name} already: railctl study status {name} shows it") from None
+        raise _works_already(folder, holder(folder, own)) from None
 
 
-def carry_out(folder: StudyFolder, study: Study, cores: int, console: Console) -> Dispatcher:
-    """Do all that is left to do of a study, its report included."""
+def _works_already(folder: StudyFolder, pid: int | None) -> Failed:
+    name = folder.path.name
+    return Failed(f"process {pid} works on study {name} already: railctl study status {name} shows it")
+
+
+def carry_out(
+    folder: StudyFolder, study: Study, cores: int, console: Console, share: Share | None = None
+) -> Dispatcher:
+    """Do all that is left to do of a study, its report included, or of a share of it, without."""
     configs = configurations(study, cores)
     progress = Looking(folder, study).look()
     alive = {run for run in planned_runs(study) if living(RunFolder(folder.run(run)))}
     jobs = in_order(study, run_seconds(measured(folder, progress), study), alive)
+    if share is not None:
+        jobs = share.jobs(study, jobs)
     if progress.count("done", "trained") < len(progress.runs):
         build_levels(study, configs, bank_root(runs_root()), cores)
-    return _run(folder, study, cores, jobs, console)
-
-
-def _run(folder: StudyFolder, study: Study, cores: int, jobs: Sequence[Job], console: Console) -> Dispatcher:
-    with StudyView(folder, study, cores, console) as view:
-        runner = Runner(folder, study, configurations(study, cores), jobs, bank_root(runs_root()), view)
+    with StudyView(folder, study, cores, console, None if share is None else share.runs(study)) as view:
+        runner = Runner(folder, study, configs, jobs, bank_root(runs_root()), view)
         runner.run(Stopping())
     return runner.mind

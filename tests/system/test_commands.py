@@ -40,9 +40,11 @@ def test_pause_scale_resume_checkpoint_down_up(clusters, undisturbed, tail):
     assert clusters.actors("handled") >= {"learner", "actor-easy-0"}  # who acted first, and who did in the end
 
 
-def test_ctrl_c_stops_cleanly_and_loses_nothing(clusters, tail):
-    interrupt(clusters, tail, "interrupted")
-    status = clusters.status("interrupted")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 1)])
+def test_ctrl_c_and_sigterm_stop_cleanly_and_lose_nothing(clusters, tail, number, code):
+    name = f"interrupted-{number}"
+    interrupt(clusters, tail, name, number, code)
+    status = clusters.status(name)
     assert status["state"] == "stopped"
     assert status["progress"]["snapshot"] == status["progress"]["done"] >= 2
 
@@ -55,17 +57,17 @@ def test_a_second_run_goes_on_where_ctrl_c_stopped_the_first(clusters, undisturb
     assert clusters.curve("interrupted-once") == undisturbed
 
 
-def interrupt(clusters, tail, name):
-    """Start a run, and stop it with Ctrl-C after some episodes."""
+def interrupt(clusters, tail, name, number=signal.SIGINT, code=0):
+    """Start a run, and stop it after some episodes with Ctrl-C, or as a batch system does."""
     foreground = clusters.start("up", "--name", name, *clusters.options)
     clusters.wait(clusters.folder(name).episodes_file.exists)
     tail(name).until(2)
     clusters.pause(name)  # or it may be over before it is interrupted
-    foreground.send_signal(signal.SIGINT)
+    foreground.send_signal(number)
     output, errors = foreground.communicate(timeout=60)
-    assert foreground.returncode == 0, errors
+    assert foreground.returncode == code, errors
     assert "stopping cleanly" in output
-    assert f"railctl up --name {name} goes on" in output
+    assert f"railctl up --name {name} goes on" in (errors if code else output)
     assert living(clusters.folder(name)) == {}
 
 

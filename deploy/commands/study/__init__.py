@@ -14,6 +14,10 @@ app = group(
             "Train, evaluate and report on all that a study compares; "
             "killed or stopped at any time, it goes on from there.",
         ),
+        "place": Verb(
+            "deploy.commands.study.place:place",
+            "Print a batch script that has Slurm carry out a study, as an array of jobs with a share of its runs each.",
+        ),
         "status": Verb(
             "deploy.commands.study.status:status",
             "Show how many runs of each contender on each level are done, running, waiting or failed, "

@@ -14,6 +14,7 @@ from deploy.output import console, one_line_errors, print_table
 from deploy.runs import Failed, runs_root
 from deploy.study.described import configurations, find_study, named, save_study
 from deploy.study.progress import Looking, report_of
+from deploy.study.shares import parse_share
 from deploy.study.view import cell_table, headline
 from deploy.study.work import alone, carry_out, cores_of
 
@@ -26,20 +27,25 @@ def run(
     results: Annotated[
         Path | None, typer.Option("--from", help="Results of railctl study publish: what is in them is not done again.")
     ] = None,
+    share: Annotated[
+        str | None, typer.Option(metavar="I/N", help="Only this share of the runs, as 2/8, beside the other ones.")
+    ] = None,
 ) -> None:
     """Train, evaluate and report on all that a study compares; killed or stopped at any time, it goes on from there."""
     used = cores_of(cores)
     study = named(find_study(name), other_name)
     configurations(study, used)
     folder = StudyFolder(runs_root() / study.name)
-    goes_on = f"railctl study run {name}{f' --name {other_name}' if other_name else ''} goes on"
+    own = None if share is None else parse_share(share, study)
+    options = (f" --name {other_name}" if other_name else "") + (f" --share {own}" if own else "")
+    goes_on = f"railctl study run {name}{options} goes on"
     archived = None if results is None else _archived(results, study, folder)
     save_study(folder, study)
     if archived is not None:
         write_atomically(folder.results, archived)
-    with alone(folder):
+    with alone(folder, own):
         try:
-            mind = carry_out(folder, study, used, console)
+            mind = carry_out(folder, study, used, console, own)
         except KeyboardInterrupt:
             console.print(f"stopped; {goes_on}", markup=False, soft_wrap=True)
             return
@@ -47,7 +53,10 @@ def run(
     print_table(cell_table(progress))
     console.print(f"{study.name}: {headline(progress, None)}", markup=False, soft_wrap=True)
     console.print(f"study    {folder.path}", markup=False, soft_wrap=True)
-    if (report := report_of(folder)) is not None and not mind.stopping:
+    if own is not None and not mind.stopping:
+        told = f"share {own} is done; once all are, railctl study report {study.name} makes the report"
+        console.print(told, markup=False, soft_wrap=True)
+    elif (report := report_of(folder)) is not None and not mind.stopping:
         console.print(f"report   {report}", markup=False, soft_wrap=True)
     if mind.failures:
         for job, reason in mind.failures.items():

@@ -4,12 +4,11 @@ import json
 
 from analysis.study import StudyFolder, read_study
 from common.folder import RunFolder
-from common.locks import holder
 from deploy.commands.study.options import StudyName
 from deploy.output import AsJson, console, one_line_errors, print_table
 from deploy.study.described import find_folder
 from deploy.study.estimate import measured, seconds_left
-from deploy.study.progress import COMMAND, Looking, StudyProgress, status_document
+from deploy.study.progress import Looking, StudyProgress, commands, status_document
 from deploy.study.view import cell_table, headline
 from deploy.study.work import cores_of
 
@@ -24,15 +23,15 @@ def status(name: StudyName, as_json: AsJson = False) -> None:
     if as_json:
         print(json.dumps(status_document(folder, progress, left), indent=2))
         return
-    pid = holder(folder, COMMAND)
-    going = "" if pid is None else f" (process {pid})"
+    pids = list(commands(folder).values())
+    going = f" (process {', '.join(map(str, pids))})" if pids else ""
     console.print(f"{study.name}{going}: {headline(progress, left)}", markup=False, soft_wrap=True)
     print_table(cell_table(progress))
     if progress.references:
         console.print(f"references: {sum(progress.references.values())} of {len(progress.references)} scored")
     for run, reason in progress.failures.items():
         console.print(f"! {run}: {reason}", markup=False, soft_wrap=True)
-    if pid is None and not progress.is_done:
+    if not pids and not progress.is_done:
         console.print(f"nobody works on it: railctl study run {study.name} goes on", markup=False, soft_wrap=True)
 
 

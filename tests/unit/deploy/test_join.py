@@ -1,6 +1,7 @@
 """Joining a run from another machine: the folder, the end, and what is refused. That it acts is a system test."""
 
 import json
+import os
 import signal
 import socket
 import tempfile
@@ -13,7 +14,7 @@ import pytest
 import yaml
 from command_line import complaint
 
-from common.bus import open_bus, open_router
+from common.bus import NoAnswer, open_bus, open_router
 from common.folder import RunFolder
 from common.levels.distributions import LevelFiles
 from common.levels.own import own_copy
@@ -115,6 +116,19 @@ def test_who_has_joined_leaves_when_another_run_has_the_place(near, folder, hand
     assert joiner.other == "one"
 
 
+def test_who_has_joined_asks_again_when_the_run_is_silent_though_its_link_holds(near, folder, handlers, monkeypatch):
+    """As that to a relay does."""
+    monkeypatch.setattr(join, "SILENT_S", 0.1)
+    monkeypatch.setattr(join, "ASK_EVERY_S", 0.1)
+    runs = [RunIntroduction(name=name, namespace=NAMESPACE, config=CONFIG) for name in ("ours", "ours still")]
+    runs.append(RunIntroduction(name="another", namespace="railctl/ba9876543210", config=CONFIG))
+    near.serve(keys.RUN, lambda question: question.answer(runs.pop(0)))
+    joiner = Joiner(folder, [])
+    assert joiner.run(Stopping()).outcome == "stopped"
+    assert joiner.other == "another"
+    assert not runs
+
+
 def test_who_has_joined_leaves_when_asked_to_though_nobody_is_there(folder, handlers, monkeypatch):
     monkeypatch.setattr(join, "CONNECT_TIMEOUT_S", 0.05)
     stopping = Stopping()
@@ -141,13 +155,14 @@ def test_other_heartbeats_of_the_run_end_nothing(folder, handlers, beat):
     ("machine", "name"),
     [("node7", "node7"), ("node7.example.org", "node7"), ("no_de", "no_de"), ("büro", "b-ro"), ("", "host")],
 )
-def test_actors_bear_the_name_of_their_machine(monkeypatch, machine, name):
+def test_actors_bear_the_name_of_their_machine_and_of_who_joined_there(monkeypatch, machine, name):
     monkeypatch.setattr(socket, "gethostname", lambda: machine)
-    assert host_for({"easy": 1}) == name
+    assert host_for({"easy": 1}) == f"{name}-{os.getpid()}"
 
 
 def test_the_name_of_an_actor_is_one_however_long_those_of_machine_and_level_are(monkeypatch):
     monkeypatch.setattr(socket, "gethostname", lambda: "rack-17-node-with-a-long-name-" * 3)
+    monkeypatch.setattr(os, "getpid", lambda: 2**22)  # the greatest that Linux has
     counts = {"x" * 40: 256}
     for spec in actors(counts, host_for(counts)):
         Heartbeat(process=spec.name, role="actor", pid=1, state="starting", report=None)
@@ -201,3 +216,12 @@ def test_what_is_wrong_is_said_before_anybody_is_asked(made):
 
 def test_nobody_at_the_address_is_a_failure(address, made, handlers):
     assert join_by_hand(FAILED, address, made).startswith(f"{address}: Connection refused: ")
+
+
+def test_patience_ends(address, made, monkeypatch):
+    looks = []
+    monkeypatch.setattr(join.time, "sleep", looks.append)
+    monkeypatch.setattr(join.time, "monotonic", lambda: 7.0 + len(looks))
+    with pytest.raises(NoAnswer, match="Connection refused"):
+        join._wait_for_run(address, Credentials(made, "actor"), 3.0)
+    assert len(looks) == 3

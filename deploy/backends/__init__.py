@@ -1,0 +1,1 @@
+"""Renderers of the same plan for what a site starts things with. Pure: plan in, text out."""
