@@ -25,7 +25,7 @@ from deploy.launch import (
 )
 from deploy.levels import prepare_levels, read_own
 from deploy.output import console, counted, one_line_errors, print_table
-from deploy.resolve import algorithms, merge, parse_actors, parse_sets, read_file, resolve, resolve_existing
+from deploy.resolve import algorithms, merge, parse_actors, parse_lag, parse_sets, read_file, resolve, resolve_existing
 from deploy.runs import Failed, runs_root, supervised
 from deploy.show import summary
 from deploy.watch import watch
@@ -47,7 +47,12 @@ def up(
     ] = None,
     episodes: Annotated[int | None, typer.Option(help="Episodes to train; default: 1500.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of everything random; default: 1.")] = None,
-    lag: Annotated[int | None, typer.Option(help="Episodes that run ahead of training; default: 0.")] = None,
+    lag: Annotated[
+        str | None,
+        typer.Option(
+            help="Episodes that run ahead of training, or free: as many as help, with the newest weights; default: 0."
+        ),
+    ] = None,
     cores: Annotated[int | None, typer.Option(help="Cores that all processes share; default: 2.")] = None,
     engine: Annotated[str | None, typer.Option(help="Of the worlds, compiled or flatland; default: compiled.")] = None,
     listen: Annotated[
@@ -67,7 +72,7 @@ def up(
         "level": level,
         "episodes": episodes,
         "seed": seed,
-        "lag": lag,
+        "lag": None if lag is None else parse_lag(lag),
         "engine": engine,
         "cluster": {
             "actors": parse_actors(actors) if actors else None,
