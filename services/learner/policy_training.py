@@ -129,12 +129,7 @@ class PolicyTrainer:
         n_features = decisions.observations.shape[1]
         if n_features != self._network.n_features:
             raise ValueError(f"episode {episode} has {n_features} features, the network {self._network.n_features}")
-        course = self._lesson(fragment.course)
-        new, corrected = self.experience(course), {}
-        if self._corrects and len(course.decisions):
-            new, ratios = self._corrected(course, new)
-            corrected = {"clipped_ratio": float(ratios.mean())}
-        rows = self._rule.learn(new) if len(course.decisions) else []
+        rows, corrected = self._learn(self._lesson(fragment.course))
         return {
             "updates": float(len(rows)),
             "transitions": float(len(decisions)),
@@ -192,6 +187,16 @@ class PolicyTrainer:
             log_probability_tm1=_own(decisions.log_probabilities),
             value_tm1=_own(decisions.values),
         )
+
+    def _learn(self, course: Course) -> tuple[list[dict[str, float]], dict[str, float]]:
+        """The metrics of each update from an episode's decisions, and of what had to be corrected before."""
+        if not len(course.decisions):
+            return [], {}
+        new = self.experience(course)
+        if not self._corrects:
+            return self._rule.learn(new), {}
+        new, ratios = self._corrected(course, new)
+        return self._rule.learn(new), {"clipped_ratio": float(ratios.mean())}
 
     def _following(self, course: Course) -> NDArray[np.float32]:
         """What trains are worth that the step limit stopped [N]."""

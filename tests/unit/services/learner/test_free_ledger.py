@@ -1,6 +1,10 @@
 """A free ledger: the newest weights for every lease, none too old, and no acting for a queue."""
 
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import initialize, invariant, precondition
 from made_episodes import answer_to, lease_of
+from test_ledger import Run, TestRun
 
 from services.learner.free_ledger import FreeLedger
 
@@ -40,31 +44,28 @@ def test_an_episode_may_come_of_any_weights_within_the_bound():
     assert list(ledger(bound=3).versions(1)) == [0, 1]
 
 
-def test_while_training_has_more_at_hand_than_there_are_actors_nothing_is_leased():
+def test_while_training_has_more_at_hand_than_two_for_each_actor_nothing_is_leased():
     made = ledger(bound=8, actors="ab")
-    for episode in (0, 1):
+    for episode in range(5):
         assert made.grant("a", "any") == (episode, 0)
         made.receive(acted(episode))
-    assert made.grant("a", "any") == (2, 0)  # one is trained, one waits
-    made.receive(acted(2))
     assert made.grant("a", "any") is None
     assert made.waiting() == {}
     made.mark_trained()
-    assert made.grant("a", "any") == (3, 0)
+    assert made.grant("a", "any") == (5, 0)
 
 
 def test_while_training_waits_for_one_episode_others_are_acted_up_to_the_bound():
-    made = ledger(bound=5, actors="ab")
+    made = ledger(bound=6, actors="ab")
     assert made.grant("a", "any") == (0, 0)  # and takes its time
-    for episode in range(1, 6):
+    for episode in range(1, 7):
         assert made.grant("b", "any") == (episode, 0)
         made.receive(acted(episode))
     assert made.grant("b", "any") is None
     made.receive(acted(0))
-    for _ in range(6):
+    for _ in range(7):
         made.mark_trained()
-    assert made.trained == 6
-    assert made.grant("b", "any") == (6, 0)
+    assert made.grant("b", "any") == (7, 0)
 
 
 def test_what_a_dead_actor_had_is_leased_anew_with_the_newest_weights():
@@ -76,3 +77,42 @@ def test_what_a_dead_actor_had_is_leased_anew_with_the_newest_weights():
     assert made.grant("a", "any") == (1, 0)
     assert made.weights_version(1) == 1
     assert made.reissued == 1
+
+
+class FreeRun(Run):
+    """The same among actors that come and die, lost messages and restarts, whose leases have other weights."""
+
+    @initialize(levels=st.text("emhr", min_size=4, max_size=12), lag=st.integers(1, 3))
+    def begin(self, levels, lag):
+        self.leased = {}  # the versions that were ever leased of a unit
+        super().begin(levels, lag)
+
+    def open_ledger(self):
+        self.ledger = FreeLedger(self.levels, self.lag, self.snapshot, version=self.snapshot)
+        self.trained = [(episode, 0) for episode in range(self.snapshot)]
+
+    def check_grant(self, unit, actor):
+        assert self.ledger.trained <= unit[0] <= self.ledger.trained + self.lag
+        assert self.levels[unit[0]] == actor.serves or actor.serves == "any"
+        assert self.ledger.weights_version(unit[0]) == self.ledger.version
+        self.leased.setdefault(unit, set()).add(self.ledger.version)
+
+    def train(self):
+        while (fragment := self.ledger.next_ready()) is not None:
+            unit = fragment.lease.unit
+            assert self.leased[unit] <= set(self.ledger.versions(unit[0]))
+            assert all(0 <= self.ledger.version - version <= self.lag for version in self.leased[unit])
+            self.trained.append(unit)
+            self.ledger.mark_trained()
+
+    @precondition(lambda self: hasattr(self, "ledger"))
+    @invariant()
+    def every_episode_of_the_window_is_waiting_leased_or_here(self):
+        """Unless there is enough, and then the next one can be trained."""
+        if not self.ledger._has_enough:
+            super().every_episode_of_the_window_is_waiting_leased_or_here()
+
+
+TestFreeRun = FreeRun.TestCase
+TestFreeRun.settings = settings(TestRun.settings, max_examples=100)
+del TestRun  # it is run where it belongs
