@@ -67,7 +67,8 @@ def draw(folder: RunFolder) -> Path:
         ylabel="normalised return",
         ylim=(-1.02, 0.02),
         xlim=(0, config.episodes),
-        title=f"{folder.path.name}: {config.algorithm}, seed {config.seed}, lag {config.lag}",
+        title=f"{folder.path.name}: {config.algorithm}, seed {config.seed}, lag {config.lag}"
+        f"{' (not repeatable)' * config.is_free}",
     )
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right")

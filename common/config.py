@@ -1,14 +1,22 @@
 """The configuration of a run: frozen models, checked before any process starts.
 
 A run's learning curve is a function of `RunConfig` without `cluster` and `engine`, which say only how the work is
-carried out. Every part of the system receives its own section, never the tree. In files all keys stand side by side:
-those of the run, of its `WorldSpec`, and of its rule's settings.
+carried out; with `lag: free` it depends on who was how fast as well. Every part of the system receives its own section,
+never the tree. In files all keys stand side by side: those of the run, of its `WorldSpec`, and of its rule's settings.
 """
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, Field, SerializeAsAny, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    Field,
+    SerializeAsAny,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from common.bounded import parse_json
 from common.levels.distributions import ANY, LevelName
@@ -19,9 +27,20 @@ from common.tls import host_and_port
 from common.world import WorldSpec, chosen_levels
 
 MAX_ACTORS = 256  # of one level
+MAX_LAG = 1024
+MAX_STALENESS = 32  # of new runs with `lag: free`
 PARTS = ("world", "learning")  # whose keys stand beside the others in files
 PATHS = {"start_from": "checkpoint", "demonstrations": "file"}  # sections of files that have a digest beside it
 Plain = dict[str, Any]
+
+
+def _lag(value: Any) -> Any:
+    if value == "free" or (isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MAX_LAG):
+        return value
+    raise ValueError(f"{shortened(value)} is no lag: give a whole number from 0 to {MAX_LAG}, or free")
+
+
+Lag = Annotated[int | Literal["free"], BeforeValidator(_lag)]
 
 
 class EvaluationConfig(Strict):
@@ -77,7 +96,8 @@ class RunConfig(Strict):
     mix: dict[LevelName, Share]
     episodes: int = Field(ge=1, le=10_000_000)
     seed: int = Field(default=1, ge=0, lt=2**31)
-    lag: int = Field(default=0, ge=0, le=1024)
+    lag: Lag = 0  # episodes that run ahead of training, with the weights that this names; free: with the newest
+    max_staleness: int | None = Field(default=None, ge=1, le=MAX_LAG)  # of `free`: so many run ahead at most
     engine: Literal["compiled", "flatland"] = "compiled"  # both give the same curve
     world: WorldSpec
     learning: SerializeAsAny[RuleSettings]
@@ -136,15 +156,43 @@ class RunConfig(Strict):
 
     @model_validator(mode="after")
     def _fragments_are_serial(self) -> Self:
-        if self.lag > 0 and self.learning.steps_a_fragment is not None:
+        if self.lag and self.learning.steps_a_fragment is not None:
             raise ValueError(f"lag {self.lag} needs whole episodes: add --set fragment_steps=null")
         return self
+
+    @model_validator(mode="after")
+    def _only_free_is_bounded(self) -> Self:
+        if self.is_free and self.max_staleness is None:
+            raise ValueError(f"lag free needs a bound: add --set max_staleness={MAX_STALENESS}")
+        if self.max_staleness is not None and not self.is_free:
+            raise ValueError(f"max_staleness {self.max_staleness}: lag {self.lag} has no use for it, leave it out")
+        return self
+
+    @model_validator(mode="after")
+    def _free_can_be_corrected(self) -> Self:
+        if self.is_free and self.learning.standardises_returns:
+            raise ValueError(
+                "lag free: it corrects by values what older weights did, and those of ppo.returns standardised are on "
+                "another scale than rewards, make it scaled"
+            )
+        return self
+
+    @property
+    def is_free(self) -> bool:
+        """Whether episodes act with the newest weights, so that the curve depends on who was how fast."""
+        return self.lag == "free"
+
+    @property
+    def most_ahead(self) -> int:
+        """How many episodes more than one may be under way."""
+        return self.lag if isinstance(self.lag, int) else self.max_staleness or 0
 
     def plain(self) -> Plain:
         """As plain data, all keys side by side, as files have it; `parse_config` undoes it."""
         parts = self.model_dump(mode="json")
+        apart = (*PARTS, "evaluation", "cluster", *([] if self.is_free else ["max_staleness"]))
         return {
-            **{key: value for key, value in parts.items() if key not in (*PARTS, "evaluation", "cluster")},
+            **{key: value for key, value in parts.items() if key not in apart},
             **parts["world"],
             **parts["learning"],
             **{key: parts[key] for key in ("evaluation", "cluster")},

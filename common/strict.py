@@ -14,7 +14,15 @@ LARGEST = 2**53 - 1  # of whole numbers, if a field does not say
 
 
 class ConfigError(ValueError):
-    """Bad input from the user: the message names the field, the value and the remedy."""
+    r"""Bad input from the user: the message names the field, the value and the remedy, in one line.
+
+    >>> str(ConfigError("unknown key a\nb"))
+    'unknown key a\\nb'
+    """
+
+    def __init__(self, text: str) -> None:
+        """`text` may hold names of the user's with anything in them."""
+        super().__init__("".join(each if each.isprintable() else ascii(each)[1:-1] for each in text))
 
 
 class Strict(BaseModel):

@@ -36,10 +36,11 @@ def live_status(bus: Bus) -> Status:
 def status_from_files(folder: RunFolder) -> Status:
     """The status of a run whose supervisor does not answer."""
     config = folder.config()
-    done, recent = 0, deque[float](maxlen=100)
+    done, recent, staleness = 0, deque[float](maxlen=100), deque[int](maxlen=100)
     for row in each_row(folder.episodes_file, EpisodeRow):
         done += 1
         recent.append(row.normalised_return)
+        staleness.append(row.staleness or 0)
     checkpoints = len(list(folder.checkpoints.glob("*.safetensors"))) * len(config.mix)
     snapshots = [int(path.stem) for path in folder.snapshots.glob("*.safetensors") if path.stem.isdecimal()]
     alive = living(folder)
@@ -62,6 +63,7 @@ def status_from_files(folder: RunFolder) -> Status:
             evaluations=sum(1 for _ in each_row(folder.evaluations_file, EvaluationRow)),
             evaluations_due=checkpoints,
             return_last_100=sum(recent) / len(recent) if recent else None,
+            staleness_last_100=sum(staleness) / len(staleness) if staleness else None,
             episodes_per_s=0.0,
             steps_per_s=0.0,
             refused=0,

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel
 
-from common.config import MAX_ACTORS, PATHS, RunConfig, home_of, parse_config, upgraded
+from common.config import MAX_ACTORS, MAX_LAG, MAX_STALENESS, PATHS, RunConfig, home_of, parse_config, upgraded
 from common.levels.distributions import LEVEL_PATTERN, shipped
 from common.mapping_file import read_mapping
 from common.plain_yaml import DEEPEST, NotPlainYamlError, parse_yaml
@@ -78,6 +78,7 @@ def resolve(given: Plain, base: Path = Path()) -> RunConfig:
         "evaluation": {
             "levels": min(EVALUATION_LEVELS, *(levels.evaluation_levels for levels in world.levels.values()))
         },
+        **({"max_staleness": MAX_STALENESS} if given.get("lag") == "free" else {}),
     }
     merged = merge(merge(defaults, settings_of(rule).adapted(learning, given.get("lag") or 0)), given)
     merged["levels"] = world.model_dump(mode="json")["levels"]
@@ -262,6 +263,15 @@ def parse_sets(settings: Sequence[str]) -> Plain:
             plain = {part: plain}
         result = merge(result, plain)
     return result
+
+
+def parse_lag(text: str) -> int | str:
+    """A number, or a word that the configuration knows or refuses.
+
+    >>> parse_lag("3"), parse_lag("free")
+    (3, 'free')
+    """
+    return int(text) if text.isascii() and text.isdigit() and len(text) <= len(str(MAX_LAG)) else text
 
 
 def parse_actors(text: str) -> dict[str, int]:

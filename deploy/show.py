@@ -58,6 +58,8 @@ def _progress(status: Status) -> RenderableType:
         f"{progress.leased} leased  {sum(progress.waiting.values())} waiting    "
         f"snapshot {progress.snapshot}"
     )
+    if progress.staleness_last_100:
+        line += f"\nstaleness of the last 100: {progress.staleness_last_100:.1f}"
     return Group(grid, Text(line))
 
 
@@ -67,10 +69,11 @@ def progress_line(status: Status) -> str:
     if progress is None:
         return starting_line(status)
     left = f"  {duration(status.time_left_s)} left" if status.time_left_s else ""
+    stale = f"  staleness(100) {progress.staleness_last_100:.1f}" if progress.staleness_last_100 else ""
     alive = sum(process.pid is not None for process in status.processes)
     return (
-        f"{status.state}  {progress.done}/{status.episodes} episodes  return(100) {number(progress.return_last_100)}  "
-        f"{progress.episodes_per_s:.1f} ep/s  {progress.evaluations}/{progress.evaluations_due} evaluations  "
+        f"{status.state}  {progress.done}/{status.episodes} episodes  return(100) {number(progress.return_last_100)}"
+        f"{stale}  {progress.episodes_per_s:.1f} ep/s  {progress.evaluations}/{progress.evaluations_due} evaluations  "
         f"{alive} processes{left}"
     )
 
@@ -183,9 +186,11 @@ def summary(episodes: Sequence[EpisodeRow], evaluations: Sequence[EvaluationRow]
 def row_line(row: EpisodeRow | EvaluationRow) -> str:
     """A row of a tail."""
     if isinstance(row, EpisodeRow):
+        staleness = f"  staleness {row.staleness}" if row.staleness else ""
         return (
             f"episode {row.episode:>6}  {row.level:<6}  return {row.normalised_return:7.3f}  "
             f"arrived {row.arrived}/{row.trains}  steps {row.steps:>3}  epsilon {row.epsilon:.3f}  {row.actor}"
+            f"{staleness}"
         )
     return (
         f"checkpoint {row.episode:>3}  {row.level:<6}  {row.mode} {row.normalised_return:7.3f}  "

@@ -51,6 +51,7 @@ class _Run(Strict):
     unix_s: tuple[float, float] | None
     arithmetic: dict[str, str]
     scored: Scored | None
+    staleness: float | None = None
 
 
 class _Reference(Strict):
@@ -132,6 +133,7 @@ def _packed(run: PlannedRun, trained: Trained) -> _Run:
         unix_s=trained.unix_s,
         arithmetic=dict(trained.arithmetic),
         scored=trained.scored,
+        staleness=trained.staleness,
     )
 
 
@@ -144,4 +146,5 @@ def _unpacked(packed: _Run) -> Trained:
         unix_s=packed.unix_s,
         arithmetic=tuple(sorted(packed.arithmetic.items())),
         scored=packed.scored,
+        staleness=packed.staleness,
     )

@@ -231,6 +231,7 @@ def _read_run(path: Path, episodes: int | None) -> tuple[RunConfig, Trained, dic
             returns=np.array([row.normalised_return for row in ours]),
             unix_s=(rows[0].trained_unix_s - rows[0].acting_s, rows[-1].trained_unix_s),
             scored=_last([row for row in evaluations if row.level == level]),
+            staleness=float(np.mean([row.staleness or 0 for row in ours])) if config.is_free else None,
         )
         for level in config.mix
         if (ours := [row for row in rows if row.level == level])

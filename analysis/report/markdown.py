@@ -19,12 +19,17 @@ def final_scores(results: Results) -> str:
     policies = dict.fromkeys(policy for policy, _level in results.references)
     rows = [
         *(
-            [f"`{name}`", *(_contender(results, name, level) for level in results.levels)]
+            [f"`{name}`{_mark(results, name)}", *(_contender(results, name, level) for level in results.levels)]
             for name in results.contenders
         ),
         *([f"`{name}`", *(_policy(results, name, level) for level in results.levels)] for name in policies),
     ]
     return "\n".join(_lines(("", *results.levels), rows))
+
+
+def _mark(results: Results, name: str) -> str:
+    is_free = any(trained.is_free for level in results.levels for trained in results.cell(name, level))
+    return " (lag free: not repeatable)" if is_free else ""
 
 
 def _contender(results: Results, name: str, level: str) -> str:

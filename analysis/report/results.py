@@ -38,6 +38,12 @@ class Trained:
     unix_s: tuple[float, float] | None = None  # when the first and the last episode were trained
     arithmetic: tuple[tuple[str, str], ...] = ()  # what the learner computed with
     scored: Scored | None = None
+    staleness: float | None = None  # of a run with `lag: free`, the mean of its episodes
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the run would have another curve if it were made again."""
+        return self.config is not None and self.config.is_free
 
 
 class Rectangle(NamedTuple):

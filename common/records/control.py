@@ -55,6 +55,7 @@ class Progress(Record):
     evaluations: Count
     evaluations_due: Count
     return_last_100: float | None
+    staleness_last_100: float | None
     episodes_per_s: float
     steps_per_s: float
     refused: Count  # messages that the strict decoding turned away

@@ -18,6 +18,7 @@ class LearnerReport(Record):
     snapshot: Count  # episodes in the newest snapshot
     checkpoints: Count
     return_last_100: float | None  # None: no episode is trained
+    staleness_last_100: float | None
     episodes_per_s: float
     steps_per_s: float
     refused: Count  # messages

@@ -44,6 +44,7 @@ class EpisodeRow(Record):
     trained_unix_s: float
     learned_reward: float | None = None  # sum of the rewards learned from; None: written before it was kept
     score: float | None = None  # flatland-rl 4.3.0's own; None: the level has none, or written before it was kept
+    staleness: Count | None = None  # versions of the weights that came while it was acted; None: as of learned_reward
 
     model_config = ConfigDict(populate_by_name=True)
 

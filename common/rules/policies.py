@@ -50,17 +50,14 @@ class ActorCriticSettings(RuleSettings):
     def learns_with_torch(self) -> bool:
         return self.brings_module or self.network.kind == "exits"
 
-    @property
-    def standardises_returns(self) -> bool:
-        """Whether returns are standardised over the episode, instead of scaled."""
-        return False
-
 
 class PolicySettings(ActorCriticSettings):
     """The settings of a rule that makes clipped updates."""
 
     ppo: PpoConfig
     start_from: StartFrom | None = None
+
+    learns_from_own_actions: ClassVar[bool] = True
 
     @model_validator(mode="after")
     def _anchor_has_ground(self) -> Self:

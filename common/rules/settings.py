@@ -53,6 +53,7 @@ class RuleSettings(Strict):
     discount: float = Field(default=0.99, gt=0, le=1)  # a step
 
     has_probabilities: ClassVar[bool] = False  # whether the network says how likely an action is
+    learns_from_own_actions: ClassVar[bool] = False  # whether those of older weights would mislead it
 
     @property
     def steps_a_fragment(self) -> int | None:
@@ -67,6 +68,11 @@ class RuleSettings(Strict):
     def teaching(self) -> tuple[int, int, int] | None:
         """Orders, margin and patience of the teacher of all decisions (`common.rail.planning.judging`), if any."""
         return None
+
+    @property
+    def standardises_returns(self) -> bool:
+        """Whether returns are standardised over the episode, instead of scaled."""
+        return False
 
     @property
     def learns_from_following(self) -> bool:
@@ -103,6 +109,6 @@ class RuleSettings(Strict):
         return self.brings_module
 
     @classmethod
-    def adapted(cls, preset: Mapping[str, Any], lag: int) -> dict[str, Any]:  # noqa: ARG003
+    def adapted(cls, preset: Mapping[str, Any], lag: int | str) -> dict[str, Any]:  # noqa: ARG003
         """A preset as it is with a lag: without what only serial runs can have."""
         return dict(preset)

@@ -85,6 +85,6 @@ class ValueSettings(RuleSettings):
         return self.exploration.epsilon(episode, episodes)
 
     @classmethod
-    def adapted(cls, preset: Mapping[str, Any], lag: int) -> dict[str, Any]:
+    def adapted(cls, preset: Mapping[str, Any], lag: int | str) -> dict[str, Any]:
         """Several episodes at a time are whole ones."""
         return {key: value for key, value in preset.items() if not (lag and key == "fragment_steps")}

@@ -21,7 +21,7 @@ __all__ = ["Refused", "decode", "encode", "encoding_of", "unpack"]
 
 R = TypeVar("R", bound=Record)
 
-SCHEMA_VERSION = 6  # 6: decisions may say what followed a step later; raise it when a record changes in any way
+SCHEMA_VERSION = 7  # 7: episodes say how stale their weights were; raise it when a record changes in any way
 MAX_MESSAGE_BYTES = 300_000_000
 MOST_PROBLEMS = 100
 
@@ -32,7 +32,7 @@ def encoding_of(record_type: type[Record]) -> str:
 
     >>> from common.records.acting import Lease
     >>> encoding_of(Lease)
-    'application/msgpack;railctl.Lease.6'
+    'application/msgpack;railctl.Lease.7'
     """
     return f"application/msgpack;railctl.{record_type.__name__}.{SCHEMA_VERSION}"
 

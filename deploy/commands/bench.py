@@ -35,6 +35,8 @@ TAKES = {
     "interlocking": ("policy",),
     "level": ("cluster", "loop"),
     "algorithm": ("cluster",),
+    "lag": ("cluster",),
+    "actors": ("cluster",),
 }
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 BY_SIGNAL = 128  # and its number, as shells say it
@@ -60,6 +62,12 @@ def bench(
     algorithm: Annotated[
         list[str] | None, typer.Option(help="Of cluster; may be repeated; default: the study's.")
     ] = None,
+    lag: Annotated[
+        list[str] | None, typer.Option(help="Of cluster, a number or free; may be repeated; default: 0, 3, free.")
+    ] = None,
+    actors: Annotated[
+        list[int] | None, typer.Option(help="Of cluster, by each lag; may be repeated; default: 2, at lag 0 0 and 1.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure ours beside others: same work, one process, one core; a ratio above 1 says that ours is better.
@@ -77,6 +85,8 @@ def bench(
         "interlocking": interlocking,
         "level": level,
         "algorithm": algorithm,
+        "lag": lag,
+        "actors": actors,
     }
     command = run_worker(BENCHES[what])
     for option, given in options.items():

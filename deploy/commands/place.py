@@ -70,6 +70,6 @@ def place(
         text = run_script(placement, runs_root().absolute())
     else:
         if image is None:
-            raise ConfigError("--image is missing: name the image that make image has made, as pods can pull it")
+            raise ConfigError("--image is missing: name one with railctl in it (Dockerfile), as pods can pull it")
         text = manifests(placement, image)
     print(text, end="")

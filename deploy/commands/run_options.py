@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from deploy.resolve import algorithms, merge, parse_sets, read_file
+from deploy.resolve import algorithms, merge, parse_lag, parse_sets, read_file
 
 RunFile = Annotated[Path | None, typer.Option("--file", "-f", help="Run file (YAML).")]
 OfName = Annotated[str | None, typer.Option("--name", help="Name of the run; an existing one goes on.")]
@@ -17,7 +17,10 @@ Actors = Annotated[
 ]
 Episodes = Annotated[int | None, typer.Option(help="Episodes to train; default: 1500.")]
 Seed = Annotated[int | None, typer.Option(help="Of everything random; default: 1.")]
-Lag = Annotated[int | None, typer.Option(help="Episodes that run ahead of training; default: 0.")]
+Lag = Annotated[
+    str | None,
+    typer.Option(help="Episodes that run ahead of training, or free: with the newest weights; default: 0."),
+]
 Cores = Annotated[int | None, typer.Option(help="Cores that all processes share; default: 2.")]
 Engine = Annotated[str | None, typer.Option(help="Of the worlds, compiled or flatland; default: compiled.")]
 Settings = Annotated[
@@ -32,6 +35,8 @@ def given_by(file: Path | None, settings: list[str] | None, **options: Any) -> d
         ConfigError: the file cannot be read, or a setting is none.
     """
     given: dict[str, Any] = {} if file is None else read_file(file)
+    if options.get("lag") is not None:
+        options["lag"] = parse_lag(options["lag"])
     if options.get("level") is not None:
         given.pop("mix", None)
     return merge(merge(given, without_none(options)), parse_sets(settings or []))

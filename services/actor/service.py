@@ -83,6 +83,7 @@ class Actor:
             serves=self._serves,
             kept=np.array(sorted(self._kept), np.int64).reshape(-1, 2),
         )
+        self._loaded = None  # a learner that goes on from a snapshot may have come to other weights of the same number
         try:
             self._answers = self._context.bus.ask_for_answers(keys.LEASE, request, OPEN_S)
             return self._answers.next(ASK_TIMEOUT_S, self._stops_waiting)

@@ -1,7 +1,7 @@
 """The account of a run: its rows, its pace, and when snapshots and checkpoints fall due. Pure: times come in."""
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from common.records.rows import EpisodeRow
 from services.learner.opened import OpenEpisode
@@ -21,6 +21,7 @@ class Account:
         """`rows` are those of all episodes that are trained already; `now` is any clock's, in seconds."""
         self.steps = 0
         self._returns: deque[float] = deque(maxlen=RECENT_EPISODES)
+        self._staleness: deque[int] = deque(maxlen=RECENT_EPISODES)
         self._ends: deque[tuple[float, int]] = deque([(now, 0)])  # of the last episodes: when, and of how many steps
         for row in rows:
             self._count(row)
@@ -33,7 +34,12 @@ class Account:
     @property
     def mean_return(self) -> float | None:
         """Of the last `RECENT_EPISODES` episodes; None before the first."""
-        return sum(self._returns) / len(self._returns) if self._returns else None
+        return _mean(self._returns)
+
+    @property
+    def mean_staleness(self) -> float | None:
+        """As `mean_return`."""
+        return _mean(self._staleness)
 
     def pace(self, now: float) -> tuple[float, float]:
         """Episodes and environment steps a second, over about the last `RATE_WINDOW_S`."""
@@ -45,6 +51,11 @@ class Account:
     def _count(self, row: EpisodeRow) -> None:
         self.steps += row.steps
         self._returns.append(row.normalised_return)
+        self._staleness.append(row.staleness or 0)
+
+
+def _mean(values: Collection[float]) -> float | None:
+    return sum(values) / len(values) if values else None
 
 
 def is_due(trained: int, every: int, *, finished: bool) -> bool:
@@ -52,8 +63,8 @@ def is_due(trained: int, every: int, *, finished: bool) -> bool:
     return finished or trained % every == 0
 
 
-def row_of(episode: OpenEpisode, trained_unix_s: float) -> EpisodeRow:
-    """The row of an episode whose last fragment is trained."""
+def row_of(episode: OpenEpisode, version: int, trained_unix_s: float) -> EpisodeRow:
+    """The row of an episode whose last fragment is trained; `version` is that of the weights after it."""
     first, last = episode.fragments[0], episode.fragments[-1]
     return EpisodeRow(
         episode=last.lease.episode,
@@ -72,4 +83,5 @@ def row_of(episode: OpenEpisode, trained_unix_s: float) -> EpisodeRow:
         trained_unix_s=round(trained_unix_s, 3),
         learned_reward=episode.reward,
         score=last.course.score,
+        staleness=episode.staleness(version),
     )

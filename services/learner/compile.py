@@ -45,7 +45,7 @@ def learning(rule: str, n_features: int = N_FEATURES, kind: str | None = None) -
     sections = {key: SECTIONS[name] for key, name in RULES[rule].items()}
     network = HIDDEN | ({} if kind is None else {"kind": kind})
     settings = settings_of(rule).model_validate({"network": network, **sections})
-    return Learning(1, 2, settings, n_features)
+    return Learning(1, 2, settings, n_features, off_policy=True)  # what corrects is compiled, too
 
 
 def main() -> None:

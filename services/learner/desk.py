@@ -3,6 +3,9 @@
 Pure: events and times come in, answers go out; no clock, no bus, no disk. The desk believes only what it leased, and
 only from whom it leased it. Living actors may keep fragments that an earlier learner process leased, of which the desk
 remembers nothing: it takes these, and compares their leases with its own once all that comes before is trained.
+
+In a free run it takes an episode with any weights that are not too old, whatever version it leased last: what an
+earlier lease of the same episode has brought is as good, for it says how probable its actions were.
 """
 
 from collections import deque
@@ -14,6 +17,7 @@ import numpy as np
 
 from common.levels.distributions import ANY
 from common.records.acting import Fragment, Lease, LeaseAnswer, LeaseRequest, Progressed
+from services.learner.free_ledger import FreeLedger
 from services.learner.ledger import Ledger, Unit
 from services.learner.opened import OpenEpisode
 from services.learner.replay.transitions import check_order
@@ -92,7 +96,8 @@ class Desk(Generic[Q]):
         self._n_features = n_features
         self._steps = start.steps
         self.opened = OpenEpisode(list(start.fragments))
-        self.ledger = Ledger(schedule.levels, schedule.lag, start.trained, len(start.fragments), start.version)
+        kind = FreeLedger if schedule.free else Ledger
+        self.ledger = kind(schedule.levels, schedule.lag, start.trained, len(start.fragments), start.version)
         self.refused = 0
         self.safe_before = start.trained
         self.story: deque[str] = deque(maxlen=STORY_EVENTS)
@@ -181,7 +186,7 @@ class Desk(Generic[Q]):
         fragment = self.ledger.next_ready()
         if fragment is None or fragment.lease.unit in self._given:
             return fragment
-        if (reason := difference(fragment.lease, self._lease(fragment.lease.unit))) is None:
+        if (reason := self._difference(fragment.lease, self._lease(fragment.lease.unit))) is None:
             return fragment
         if (who := self.ledger.discard()) is not None:
             self._spoil(who, fragment.lease.unit)
@@ -220,7 +225,7 @@ class Desk(Generic[Q]):
         lease, decisions = fragment.lease, fragment.course.decisions
         features, following = decisions.observations.shape[1], decisions.following.shape[1]
         given = self._given.get(lease.unit)
-        if given is not None and (reason := difference(lease, given)) is not None:
+        if given is not None and (reason := self._difference(lease, given)) is not None:
             return reason
         if features != self._n_features:
             return f"observations have {features} features, the network takes {self._n_features}"
@@ -231,6 +236,12 @@ class Desk(Generic[Q]):
         except ValueError as reason:
             return str(reason)
         return None
+
+    def _difference(self, got: Lease, leased: Lease) -> str | None:
+        version = got.weights_version
+        if version != leased.weights_version and version in self.ledger.versions(got.episode):
+            leased = leased.model_copy(update={"weights_version": version})
+        return difference(got, leased)
 
     def _refuse(self, fragment: Fragment, reason: str) -> str:
         self.refused += 1

@@ -35,6 +35,7 @@ class Learning(Generic[S_co]):
         n_features: F, what trains see.
         n_actions: A.
         least_reward: what a train gets in a step that gets the least for ever.
+        off_policy: whether episodes may have been acted with any older weights; rules that it would mislead correct it.
         start: the parameters of the network that the run begins with, by name; None: the seed makes them.
         demonstrations: that a replay begins with.
     """
@@ -45,6 +46,7 @@ class Learning(Generic[S_co]):
     n_features: int
     n_actions: int = N_ACTIONS
     least_reward: float = -1.0
+    off_policy: bool = False
     start: Mapping[str, NDArray[np.float32]] | None = None
     demonstrations: Iterable[Course] = ()
 
@@ -62,6 +64,7 @@ def learning_of(
         config.learning,
         world.n_features,
         least_reward=world.reward.floor,
+        off_policy=config.is_free,
         start=start,
         demonstrations=demonstrations,
     )

@@ -2,7 +2,8 @@
 
 Pure: no clock, no bus, no disk. Episode e acts with the weights after episode e - 1 - lag, so it may be leased once
 e - lag episodes are trained. With lag 0 an episode may come in fragments: each acts with the weights after the one
-before. Training is strictly in order. Leases belong to living actors only; what a dead actor had leased waits again.
+before. `free_ledger` has other versions. Training is strictly in order. Leases belong to living actors only; what a
+dead actor had leased waits again.
 """
 
 from collections.abc import Iterable, Sequence
@@ -48,12 +49,17 @@ class Ledger:
 
     def weights_version(self, episode: int) -> int:
         """The version of the weights that an episode, or the open episode's next fragment, acts with."""
-        return self.version - self.trained + max(0, episode - self._lag)
+        return self._version_after(max(0, episode - self._lag))
+
+    def versions(self, episode: int) -> range:
+        """The versions that an episode may have been acted with."""
+        version = self.weights_version(episode)
+        return range(version, version + 1)
 
     def waiting(self) -> dict[str, int]:
         """How many episodes of each distribution could be acted now but are not."""
         counts: dict[str, int] = {}
-        for episode, _ in self._free():
+        for episode, _ in self._to_lease():
             counts[self.levels[episode]] = counts.get(self.levels[episode], 0) + 1
         return counts
 
@@ -86,7 +92,7 @@ class Ledger:
         """
         if incarnation not in self._alive:
             return None
-        for unit in self._free():
+        for unit in self._to_lease():
             elsewhere = unit[1] > 0 and self._holder in self._alive and self._holder != incarnation
             if serves in (ANY, self.levels[unit[0]]) and not elsewhere:
                 self._leases[unit] = incarnation
@@ -147,7 +153,12 @@ class Ledger:
         else:
             self.fragment += 1
 
-    def _free(self) -> list[Unit]:
+    def _version_after(self, episodes: int) -> int:
+        """The version of the weights after so many episodes, as long as these have no fragments."""
+        return self.version - self.trained + episodes
+
+    def _to_lease(self) -> list[Unit]:
+        """What may be acted now, and nobody does."""
         last = min(self.trained + self._lag, self.total - 1)
         units = [(e, self.fragment if e == self.trained else 0) for e in range(self.trained, last + 1)]
         return [unit for unit in units if unit not in self._leases and unit not in self._received]

@@ -35,6 +35,13 @@ class OpenEpisode:
     def waited_s(self) -> float:
         return sum(fragment.circumstances.waited_s for fragment in self.fragments)
 
+    def staleness(self, version: int) -> int:
+        """How many versions of the weights there were from those that it began with to those that it was trained into.
+
+        `version` is that of the weights after it.
+        """
+        return version - len(self.fragments) - self.fragments[0].lease.weights_version
+
     @property
     def progressed(self) -> Progressed | None:
         """What an actor needs to go on; None before the first fragment."""

@@ -19,6 +19,7 @@ from services.learner.fused.policy import FusedPolicy, Imitation
 from services.learner.learning import Learning, by_part, means
 from services.learner.returns import decision_returns, standardised
 from services.learner.sparse import SparseRows, sparse_rows
+from services.learner.vtrace import clipped_ratios, vtrace_targets
 
 
 class PolicyRule(Protocol):
@@ -44,6 +45,9 @@ class Policy(Protocol):
 
     def values(self, x: SparseRows) -> NDArray[np.float32]:
         """The values [B] of observations [B, F]."""
+
+    def reconsider(self, x: SparseRows, batch: Experience) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The log-probabilities [B] of a batch's actions, and the values [B] of its observations, as they are now."""
 
     def ppo(self, config: PpoConfig, x: SparseRows, batch: Experience, count: int) -> NDArray[np.float64]:
         """Make `count` updates of `algorithms.ppo` on a batch; none whose loss is not finite, nor after it.
@@ -106,13 +110,14 @@ class PolicyTrainer:
         self._network = network
         self._rule = rule
         self._standardises = learning.settings.standardises_returns
+        self._corrects = learning.off_policy and learning.settings.learns_from_own_actions
 
     def train(self, fragment: Fragment) -> dict[str, float]:
         """Learn from a whole episode, whose order `check_order` has passed.
 
         Returns:
             `updates` and `transitions`, how many there were; the means of the metrics of the updates that have
-            them; and the metrics of the rule.
+            them; the metrics of the rule; and of what is corrected `clipped_ratio`, the mean of V-trace's rho.
 
         Raises:
             ValueError: the episode is a fragment or does not fit the network.
@@ -124,13 +129,13 @@ class PolicyTrainer:
         n_features = decisions.observations.shape[1]
         if n_features != self._network.n_features:
             raise ValueError(f"episode {episode} has {n_features} features, the network {self._network.n_features}")
-        course = self._lesson(fragment.course)
-        rows = self._rule.learn(self.experience(course)) if len(course.decisions) else []
+        rows, corrected = self._learn(self._lesson(fragment.course))
         return {
             "updates": float(len(rows)),
             "transitions": float(len(decisions)),
             **means(rows),
             **self._rule.metrics(),
+            **corrected,
         }
 
     def weights(self) -> Arrays:
@@ -166,7 +171,7 @@ class PolicyTrainer:
 
     def experience(self, course: Course) -> Experience:
         """What there is to learn from the decisions of a whole episode."""
-        following, decisions = self._network.values(sparse_rows(_own(course.final_observations))), course.decisions
+        following, decisions = self._following(course), course.decisions
         if self._standardises:
             following *= np.float32(1 - self._discount)
         returns = decision_returns(course, following, self._discount)
@@ -182,6 +187,31 @@ class PolicyTrainer:
             log_probability_tm1=_own(decisions.log_probabilities),
             value_tm1=_own(decisions.values),
         )
+
+    def _learn(self, course: Course) -> tuple[list[dict[str, float]], dict[str, float]]:
+        """The metrics of each update from an episode's decisions, and of what had to be corrected before."""
+        if not len(course.decisions):
+            return [], {}
+        new = self.experience(course)
+        if not self._corrects:
+            return self._rule.learn(new), {}
+        new, ratios = self._corrected(course, new)
+        return self._rule.learn(new), {"clipped_ratio": float(ratios.mean())}
+
+    def _following(self, course: Course) -> NDArray[np.float32]:
+        """What trains are worth that the step limit stopped [N]."""
+        return self._network.values(sparse_rows(_own(course.final_observations)))
+
+    def _corrected(self, course: Course, new: Experience) -> tuple[Experience, NDArray[np.float64]]:
+        """What there is to learn now from what older weights did, and V-trace's ratios [D].
+
+        The old policy and values, from which updates keep their distance, are those before the updates: the ratios
+        make up for all that has changed since the episode was acted.
+        """
+        log_probabilities, values = self._network.reconsider(sparse_rows(new.observation_tm1), new)
+        ratios = clipped_ratios(log_probabilities, new.log_probability_tm1)
+        targets = vtrace_targets(course, self._following(course), self._discount, values, ratios)
+        return new._replace(return_t=targets, log_probability_tm1=log_probabilities, value_tm1=values), ratios
 
 
 def _own(array: NDArray[np.float32]) -> NDArray[np.float32]:

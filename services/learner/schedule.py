@@ -17,6 +17,7 @@ class Schedule:
         level_seed: of an episode.
         epsilon: the share of random actions in an episode; 0 for policies, which explore by what they are.
         lag: how many episodes more than one may be under way at a time.
+        free: they act with the newest weights, and not with those that the lag names.
         fragment_steps: leases end where the steps of the run are multiples of it; None: they cover whole episodes.
         following: decisions are noted with what their trains see one step later.
     """
@@ -25,6 +26,7 @@ class Schedule:
     level_seed: Callable[[int], int]
     epsilon: Callable[[int], float]
     lag: int = 0
+    free: bool = False
     fragment_steps: int | None = None
     following: bool = False
 
@@ -35,7 +37,8 @@ class Schedule:
             levels=drawn_levels({str(name): share for name, share in config.mix.items()}, config.episodes, config.seed),
             level_seed=partial(training_level_seed, config.seed),
             epsilon=partial(_epsilon, config),
-            lag=config.lag,
+            lag=config.most_ahead,
+            free=config.is_free,
             fragment_steps=config.learning.steps_a_fragment,
             following=config.learning.learns_from_following,
         )

@@ -125,8 +125,8 @@ class Learner:
             fragment = self._desk.next_ready() or self._act()
             if fragment is None:
                 break
-            if self._config.lag:
-                self._give()  # what may be acted before this is trained
+            if self._config.lag and not self._acts:
+                self._give()  # what may be acted before this is trained, elsewhere
             self._train(fragment)
             self._inbox.take()
             self._give()
@@ -262,14 +262,22 @@ class Learner:
     def _record(self, episode: OpenEpisode) -> None:
         ledger = self._desk.ledger
         self._settled = self._weights[ledger.version]
-        row = row_of(episode, time.time())
+        row = row_of(episode, ledger.version, time.time())
         self._archive.append(row)
-        self._telemetry.end_episode(row.episode, acting_s=episode.acting_s, waited_s=episode.waited_s)
+        self._telemetry.end_episode(
+            row.episode,
+            acting_s=episode.acting_s,
+            waited_s=episode.waited_s,
+            staleness=episode.staleness(ledger.version),
+        )
         self._account.end_episode(row, time.monotonic())
         self._context.bus.publish(keys.EPISODE_ROWS, row)
-        if is_due(ledger.trained, self._config.cluster.snapshot_every_episodes, finished=ledger.finished):
+        is_scored = is_due(ledger.trained, self._config.evaluation.every_episodes, finished=ledger.finished)
+        # A free run would not come to the weights of a checkpoint once more.
+        must_last = is_scored and self._config.is_free
+        if must_last or is_due(ledger.trained, self._config.cluster.snapshot_every_episodes, finished=ledger.finished):
             self._save_snapshot()
-        if is_due(ledger.trained, self._config.evaluation.every_episodes, finished=ledger.finished):
+        if is_scored:
             self._save_checkpoint()
         self._beat(now=ledger.finished)
 
@@ -285,7 +293,7 @@ class Learner:
     @property
     def _kept_versions(self) -> int:
         """How many of the weights: those that leases name, and one more for an actor that is late."""
-        return self._config.lag + 2
+        return self._config.most_ahead + 2
 
     def _give(self) -> None:
         now = time.monotonic()
@@ -303,7 +311,7 @@ class Learner:
 
     def _save_snapshot(self) -> None:
         ledger = self._desk.ledger
-        versions = range(max(0, ledger.trained - self._config.lag), ledger.trained)
+        versions = range(ledger.weights_version(ledger.trained), ledger.version)  # that leases to come may name
         older = {version: self._weights[version] for version in versions}
         memory = Memory(older, self._settled, self._desk.opened.fragments, self._telemetry.noted())
         kept = 1 if ledger.finished else KEPT_SNAPSHOTS
@@ -339,6 +347,7 @@ class Learner:
             snapshot=self._archive.snapshot,
             checkpoints=len(self._archive.checkpoints(ledger.trained)),
             return_last_100=self._account.mean_return,
+            staleness_last_100=self._account.mean_staleness,
             episodes_per_s=episodes_per_s,
             steps_per_s=steps_per_s,
             refused=self._context.bus.refused + self._desk.refused,

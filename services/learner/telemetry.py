@@ -2,7 +2,7 @@
 
 Times are wall-clock seconds of an episode: `acting_s` and `actor_waited_s` (for its leases) as its actors measure,
 `learning_s`, `publishing_s` and `learner_waited_s` (for something to learn from) of the learner. `messages` and
-`message_bytes` are those that came to the learner or left it.
+`message_bytes` are those that came to the learner or left it. `staleness` is that of `OpenEpisode`.
 """
 
 import time
@@ -75,7 +75,7 @@ class Telemetry:
             self._note_traffic()
         return self._noted
 
-    def end_episode(self, episode: int, *, acting_s: float, waited_s: float) -> None:
+    def end_episode(self, episode: int, *, acting_s: float, waited_s: float, staleness: int) -> None:
         """The episode is over: write its row."""
         self._note_traffic()
         metrics = {name: sum(values) / (1 if name in SUMS else len(values)) for name, values in self._noted.items()}
@@ -83,6 +83,7 @@ class Telemetry:
             "fragments": float(len(self._noted["learning_s"])),
             "acting_s": acting_s,
             "actor_waited_s": waited_s,
+            "staleness": float(staleness),
         }
         self._noted = {}
         self._rows.append(MetricRow(episode=episode, metrics={name: round(v, 7) for name, v in metrics.items()}))

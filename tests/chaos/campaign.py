@@ -1,4 +1,4 @@
-"""Faults, one after another, upon runs that must come to the curve of one that nobody disturbs.
+"""Faults, one after another, upon runs that must come to the curve of one that nobody disturbs, if they have one.
 
     python tests/chaos/campaign.py --case dddqn --seed 1 --faults 250
 
@@ -26,6 +26,7 @@ from faults import Fault, drawn  # noqa: E402
 from inject import inject  # noqa: E402
 from strangers import Stranger, stranger  # noqa: E402
 
+from common.config import RunConfig  # noqa: E402
 from common.folder import RunFolder  # noqa: E402  (the project's root first)
 from common.locks import holder, living  # noqa: E402
 from common.records.rows import EpisodeRow  # noqa: E402
@@ -49,6 +50,7 @@ CASES = {
     "dddqn-lag": ["--algorithm", "dddqn", *SMALL, "--set", "fragment_steps=null", "--lag", "3"],
     "sil": ["--algorithm", "sil"],
     "ppo-lag": ["--algorithm", "ppo", "--lag", "3"],
+    "ppo-free": ["--algorithm", "ppo", "--lag", "free", "--set", "max_staleness=6"],
 }
 
 
@@ -177,17 +179,27 @@ class Campaign:
             time.sleep(LOOK_S)
 
     def _compare(self, run: RunFolder) -> None:
-        found, rows = self.findings, read_rows(run.episodes_file, EpisodeRow)
+        found, rows, config = self.findings, read_rows(run.episodes_file, EpisodeRow), run.config()
         times = Counter(row.episode for row in rows)
-        expected = [(episode.digest, episode.steps) for episode in Alone(run.config()).run()]
         found.rounds += 1
-        found.episodes += len(expected)
-        found.lost += sum(episode not in times for episode in range(len(expected)))
+        found.episodes += config.episodes
+        found.lost += sum(episode not in times for episode in range(config.episodes))
         found.counted_twice += sum(count - 1 for count in times.values())
-        found.different += sum((row.digest, row.steps) != expected[row.episode] for row in rows)
+        found.different += too_stale(rows, config) if config.is_free else other_than_alone(rows, config)
         found.orphans += sum(str(run.path) in command for command in _commands())
         if found.clean:
             shutil.rmtree(run.path)
+
+
+def other_than_alone(rows: Sequence[EpisodeRow], config: RunConfig) -> int:
+    """How many episodes are other than those of one process that nobody disturbs."""
+    expected = [(episode.digest, episode.steps) for episode in Alone(config).run()]
+    return sum((row.digest, row.steps) != expected[row.episode] for row in rows)
+
+
+def too_stale(rows: Sequence[EpisodeRow], config: RunConfig) -> int:
+    """How many episodes of a free run, which has no curve to compare, are staler than it promises."""
+    return sum(row.staleness not in range(config.most_ahead + 1) for row in rows)
 
 
 def _trained(run: RunFolder) -> int:

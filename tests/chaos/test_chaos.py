@@ -40,12 +40,17 @@ def test_a_changed_run_is_found(tmp_path, monkeypatch):
     run = campaign.RunFolder(tmp_path)
     rows = [SimpleNamespace(episode=episode, digest="a", steps=1) for episode in (0, 1, 1)]
     monkeypatch.setattr(campaign, "read_rows", lambda *_: rows)
-    monkeypatch.setattr(campaign.RunFolder, "config", lambda _run: None)
+    monkeypatch.setattr(campaign.RunFolder, "config", lambda _run: SimpleNamespace(episodes=3, is_free=False))
     monkeypatch.setattr(campaign, "Alone", lambda _config: Counted())
     made._compare(run)
     found = made.findings
     assert (found.lost, found.counted_twice, found.different, found.clean) == (1, 1, 1, False)
     assert found.orphans == 0
+
+
+def test_a_free_run_is_compared_with_nothing_but_its_bound():
+    config = SimpleNamespace(most_ahead=2)
+    assert campaign.too_stale([SimpleNamespace(staleness=staleness) for staleness in (0, 2, 3, -1)], config) == 2
 
 
 class Counted:

@@ -66,7 +66,7 @@ class Alone:
                 episode = self._desk.mark_trained()
                 version = self._desk.ledger.version
                 self._weights[version] = self._trainer.weights()
-                self._weights.pop(version - self._config.lag - 2, None)
+                self._weights.pop(version - self._config.most_ahead - 2, None)
                 if episode is not None:
                     seconds = time.perf_counter() - begun
                     yield Trained(episode.digest, episode.steps, episode.decisions, seconds)

@@ -1,13 +1,15 @@
 """What whole clusters do: `railctl bench cluster`.
 
 Every row is a run as a user starts it, `railctl up`, from nothing to its end with its evaluations: at lag 0 acted by
-its learner and by one actor, and at a lag with two actors. Beside it stands the same run in one process without a
-message (`tools.bench.alone`), which must come to the same episodes. Levels are generated as they come, without a bank.
+its learner and by one actor, and at a lag and free with two actors; or with all lags by all numbers of actors that are
+given. Beside it stands the same run in one process without a message (`tools.bench.alone`), which must come to the same
+episodes, unless the lag is free: then its weights are never stale. Levels are generated as they come, without a bank.
 
 It prints one document `{"rows": [...]}` with the fields of `Row`. Rates and shares leave out the first tenth of the
 episodes. The learner's time is learning, publishing, or waiting for actors and messages.
 """
 
+import argparse
 import json
 import os
 import signal
@@ -17,11 +19,13 @@ import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
+from common.config import MAX_ACTORS, MAX_LAG
 from common.folder import RunFolder
 from common.levels.distributions import shipped
 from common.records.rows import EpisodeRow, MetricRow
@@ -34,10 +38,13 @@ from tools.bench.processes import Watch
 ALGORITHMS = ("dqn", "ddqn", "dddqn", "drqn", "ppo", "ppor", "sil")  # the study's
 OTHERS = ("imitate", "dispatch")
 NAME = "bench"
-KINDS = ((0, 0), (0, 1), (3, 2))  # lag and actors
+FREE = "free"
+KINDS = (("0", 0), ("0", 1), ("3", 2), (FREE, 2))  # lag and actors
+SOME_LAGS, SOME_ACTORS = ("0", "3", FREE), (2,)  # if only the other is given
 SPENT = (
     *("learning_s", "publishing_s", "learner_waited_s", "acting_s", "fragments"),
     *("messages", "message_bytes"),
+    "staleness",
 )
 WARM_UP = 10  # one in so many episodes
 COLUMNS = (  # of the table: title, field, and how it is written
@@ -51,6 +58,7 @@ COLUMNS = (  # of the table: title, field, and how it is written
     ("learning", "learning", ".0%"),
     ("publishing", "publishing", ".0%"),
     ("waiting", "waiting", ".0%"),
+    ("staleness", "staleness", ".1f"),
     ("acting ms", "acting_ms", ".2f"),
     ("beyond ms", "beyond_ms", ".2f"),
     ("messages", "messages", ".1f"),
@@ -72,6 +80,7 @@ class Row:
         episodes_per_s, steps_per_s, decisions_per_s: trained.
         alone_steps_per_s: those of one process without messages, which trains the same.
         learning, publishing, waiting: shares of the learner's time.
+        staleness: how many versions of the weights came while an episode was acted, the mean.
         acting_ms: that actors act a fragment; under a lag while the learner learns.
         beyond_ms: a fragment's wall time beyond learning: at lag 0 acting, messages, and waiting for the processor.
         messages, kilobytes: a fragment, to and from the learner, heartbeats and rows among them, weights not.
@@ -90,6 +99,7 @@ class Row:
     learning: float
     publishing: float
     waiting: float
+    staleness: float
     acting_ms: float
     beyond_ms: float
     messages: float
@@ -111,15 +121,15 @@ def railctl(folder: str, *arguments: str) -> None:
         raise DisagreementError(f"the run failed: {done.stderr.strip() or done.stdout.strip()}")
 
 
-def options(algorithm: str, level: str, lag: int, actors: int, episodes: int) -> list[str]:
+def options(algorithm: str, level: str, lag: str, actors: int, episodes: int) -> list[str]:
     """What `railctl up` is told."""
     return [
-        *("--algorithm", algorithm, "--level", level, "--lag", str(lag), "--actors", f"{level}={actors}"),
+        *("--algorithm", algorithm, "--level", level, "--lag", lag, "--actors", f"{level}={actors}"),
         *("--episodes", str(episodes), "--seed", "1", "--name", NAME),
     ]
 
 
-def run_cluster(algorithm: str, level: str, lag: int, actors: int, episodes: int) -> Row:
+def run_cluster(algorithm: str, level: str, lag: str, actors: int, episodes: int) -> Row:
     """Run a cluster and the same run alone.
 
     Raises:
@@ -133,7 +143,7 @@ def run_cluster(algorithm: str, level: str, lag: int, actors: int, episodes: int
         run = RunFolder(Path(folder) / NAME)
         rows, metrics = read_rows(run.episodes_file, EpisodeRow), read_rows(run.metrics_file, MetricRow)
         alone = Alone(run.config()).run()
-    if [row.digest for row in rows] != [trained.digest for trained in alone]:
+    if lag != FREE and [row.digest for row in rows] != [trained.digest for trained in alone]:
         raise DisagreementError(f"{algorithm} at lag {lag} trained other episodes in one process")
     warm = episodes // WARM_UP
     took = rows[-1].trained_unix_s - rows[warm].trained_unix_s
@@ -152,6 +162,7 @@ def run_cluster(algorithm: str, level: str, lag: int, actors: int, episodes: int
         "learning": spent["learning_s"] / took,
         "publishing": spent["publishing_s"] / took,
         "waiting": spent["learner_waited_s"] / took,
+        "staleness": spent["staleness"] / len(counted),
         "acting_ms": 1e3 * spent["acting_s"] / spent["fragments"],
         "beyond_ms": 1e3 * (took - spent["learning_s"]) / spent["fragments"],
         "messages": spent["messages"] / spent["fragments"],
@@ -163,6 +174,25 @@ def run_cluster(algorithm: str, level: str, lag: int, actors: int, episodes: int
         f"{algorithm} {level} lag {lag}, actors {actors}",
         **{name: float(f"{value:.4g}") for name, value in figures.items()},
     )
+
+
+def kinds_of(lags: Sequence[str] | None, actors: Sequence[int] | None) -> Sequence[tuple[str, int]]:
+    """Lag and actors of the runs of an algorithm."""
+    return list(product(lags or SOME_LAGS, actors or SOME_ACTORS)) if lags or actors else KINDS
+
+
+def lag_of(text: str) -> str:
+    """The value of an option that is a lag."""
+    if text != FREE and not (text.isdecimal() and int(text) <= MAX_LAG):
+        raise argparse.ArgumentTypeError(f"{text!r} is no lag: give a whole number from 0 to {MAX_LAG}, or free")
+    return text
+
+
+def number_of(text: str) -> int:
+    """The value of an option that counts actors."""
+    if not text.isdecimal() or int(text) > MAX_ACTORS:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 to {MAX_ACTORS}")
+    return int(text)
 
 
 def show(rows: Sequence[Row]) -> None:
@@ -182,15 +212,17 @@ def main() -> None:
     parser.add_argument("--episodes", type=count, default=300, help="of a run; default: %(default)s")
     parser.add_argument("--level", default="easy", choices=list(shipped()), help="default: %(default)s")
     parser.add_argument("--algorithm", action="append", choices=ALGORITHMS + OTHERS, help="default: the study's")
+    parser.add_argument("--lag", action="append", type=lag_of, help="a number or free; may be repeated")
+    parser.add_argument("--actors", action="append", type=number_of, help="by each lag; may be repeated")
     chosen = parser.parse_args()
     if chosen.episodes < 2:
         parser.error(f"--episodes {chosen.episodes}: a rate needs at least 2")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(FAILED))
-    names = chosen.algorithm or ALGORITHMS
+    names, kinds = chosen.algorithm or ALGORITHMS, kinds_of(chosen.lag, chosen.actors)
     rows: list[Row] = []
     try:
-        for number, (name, (lag, actors)) in enumerate((name, kind) for name in names for kind in KINDS):
-            told = f"{number} of {len(names) * len(KINDS)} runs: {name}, lag {lag}, actors {actors}"
+        for number, (name, (lag, actors)) in enumerate((name, kind) for name in names for kind in kinds):
+            told = f"{number} of {len(names) * len(kinds)} runs: {name}, lag {lag}, actors {actors}"
             print(told, file=sys.stderr, flush=True)  # noqa: T201
             rows.append(run_cluster(name, chosen.level, lag, actors, chosen.episodes))
     except DisagreementError as error:

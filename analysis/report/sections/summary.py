@@ -41,6 +41,7 @@ def _lines(results: Results) -> Iterator[str]:
     for run, trained in results.runs.items():
         if trained.state == "failed":
             yield f"Failed: {run.name}: {trained.reason or 'no reason was left'}."
+    yield from _not_repeatable(results)
     unscored = [run.name for run, trained in results.runs.items() if trained.state == "done" and trained.scored is None]
     if unscored:
         yield f"Done, but without a final score: {', '.join(unscored)}."
@@ -52,6 +53,16 @@ def _lines(results: Results) -> Iterator[str]:
         span = max(end for _, end in times) - min(begun for begun, _ in times)
         total = sum(end - begun for begun, end in times)
         yield f"Time: {_duration(span)} from the first episode to the last; {_duration(total)} if runs are added up."
+
+
+def _not_repeatable(results: Results) -> Iterator[str]:
+    """Which runs nobody can make again, and how old the weights were that acted them."""
+    for run, trained in results.runs.items():
+        if trained.config is not None and trained.is_free:
+            mean = "-" if trained.staleness is None else f"{trained.staleness:.1f}"
+            most = trained.config.max_staleness
+            stale = f"staleness mean {mean}, at most {most}"
+            yield f"{run.name} is not repeatable: acted with the newest weights ({stale})."
 
 
 def many(count: int) -> str:

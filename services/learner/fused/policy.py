@@ -9,6 +9,7 @@ from common.rules.policies import PpoConfig
 from services.learner.experience import Experience
 from services.learner.fused.actor_critic import clone, evaluate, imitate, ppo
 from services.learner.fused.packed import VALUES, Packed, Training
+from services.learner.fused.reconsidering import reconsider
 from services.learner.sparse import SparseRows
 
 PPO_NUMBERS = 8  # of an update: what `policy_losses` names, the norm of all gradients, the loss
@@ -37,6 +38,23 @@ class FusedPolicy(Training):
         values = np.zeros(x.n_rows, np.float32)
         evaluate(self._widths, self.arrays, x.starts, x.columns, x.values, values)
         return values
+
+    def reconsider(self, x: SparseRows, batch: Experience) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """See `services.learner.policy_training.Policy`."""
+        log_probabilities, values = np.empty(x.n_rows, np.float32), np.empty(x.n_rows, np.float32)
+        reconsider(
+            self._widths,
+            self.arrays,
+            x.starts,
+            x.columns,
+            x.values,
+            self._n_actions,
+            batch.action_tm1,
+            batch.allowed_tm1,
+            log_probabilities,
+            values,
+        )
+        return log_probabilities, values
 
     def ppo(self, config: PpoConfig, x: SparseRows, batch: Experience, count: int) -> NDArray[np.float64]:
         """Make `count` updates on a batch, or fewer: none is made whose loss is not finite, nor after it.

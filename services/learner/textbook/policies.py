@@ -64,6 +64,12 @@ class PolicyNetwork:
         """The values [B] of observations [B, F]."""
         return self._body.values(x).numpy().copy()
 
+    @torch.no_grad()
+    def reconsider(self, x: SparseRows, batch: Experience) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """See `services.learner.policy_training.Policy`."""
+        logits, value = self._outputs_of(x, batch)
+        return log_probability(logits, torch.tensor(batch.action_tm1)).numpy(), value.numpy().copy()
+
     def ppo(self, config: PpoConfig, x: SparseRows, batch: Experience, count: int) -> NDArray[np.float64]:
         """See `services.learner.policy_training.Policy`."""
         numbers = np.zeros((count, PPO_NUMBERS))

@@ -76,8 +76,13 @@ def complaint(data):
         ),
         ("seed", -1, "seed: input should be greater than or equal to 0, not -1"),
         ("seed", 2**31, "seed: input should be less than 2147483648, not 2147483648"),
-        ("lag", -1, "lag: input should be greater than or equal to 0, not -1"),
-        ("lag", 1025, "lag: input should be less than or equal to 1024, not 1025"),
+        ("lag", -1, "lag: -1 is no lag: give a whole number from 0 to 1024, or free"),
+        ("lag", 3.5, "lag: 3.5 is no lag: give a whole number from 0 to 1024, or free"),
+        ("lag", True, "lag: True is no lag: give a whole number from 0 to 1024, or free"),
+        ("lag", "fre", "lag: 'fre' is no lag: give a whole number from 0 to 1024, or free"),
+        ("max_staleness", 0, "max_staleness: input should be greater than or equal to 1, not 0"),
+        ("max_staleness", 8, "max_staleness 8: lag 0 has no use for it, leave it out"),
+        ("lag", 1025, "lag: 1025 is no lag: give a whole number from 0 to 1024, or free"),
         ("engine", "stone", "engine: input should be 'compiled' or 'flatland', not 'stone'"),
         ("discount", 0, "discount: input should be greater than 0, not 0"),
         ("discount", 1.5, "discount: input should be less than or equal to 1, not 1.5"),
@@ -413,6 +418,24 @@ def test_what_does_not_go_together_is_named_with_its_remedy():
         "lag 1 needs whole episodes: add --set fragment_steps=null"
     )
     assert parse_config(plain({"lag": 1})).lag == 1
+    assert complaint(plain({"lag": "free", "max_staleness": 8, "fragment_steps": 30})) == (
+        "lag free needs whole episodes: add --set fragment_steps=null"
+    )
+    assert complaint(plain({"lag": "free"})) == "lag free needs a bound: add --set max_staleness=32"
+
+
+def test_free_is_bounded_and_both_are_of_the_science():
+    config = parse_config(plain({"lag": "free", "max_staleness": 8}))
+    assert (config.lag, config.is_free, config.most_ahead) == ("free", True, 8)
+    assert (config.science["lag"], config.science["max_staleness"]) == ("free", 8)
+    assert parse_config(config.plain()) == config
+
+
+@pytest.mark.parametrize("lag", [0, 3])
+def test_an_exact_run_says_nothing_of_staleness(lag):
+    config = parse_config(plain({"lag": lag}))
+    assert (config.is_free, config.most_ahead) == (False, lag)
+    assert "max_staleness" not in config.plain()
 
 
 @pytest.mark.parametrize(

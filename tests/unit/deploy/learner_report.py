@@ -10,6 +10,7 @@ LEARNER = LearnerReport(
     snapshot=30,
     checkpoints=2,
     return_last_100=None,
+    staleness_last_100=None,
     episodes_per_s=2.0,
     steps_per_s=100.0,
     refused=0,

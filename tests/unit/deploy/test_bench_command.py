@@ -38,6 +38,8 @@ def test_a_bench_prints_one_document(capfd):
         (["wrold"], "unknown benchmark 'wrold': did you mean world? known are "),
         (["world", "--repeats", "0"], "--repeats 0: use a number above 0"),
         (["levels", "--worlds", "-1"], "--worlds -1: use a number above 0"),
+        (["loop", "--lag", "free"], "--lag: bench loop has no use for it, leave it out"),
+        (["world", "--actors", "2"], "--actors: bench world has no use for it, leave it out"),
         (["cluster", "--repeats", "3"], "--repeats: bench cluster has no use for it, leave it out"),
         (["cluster", "--episodes", "0"], "--episodes 0: use a number above 0"),
         (["loop", "--worlds", "3"], "--worlds: bench loop has no use for it, leave it out"),

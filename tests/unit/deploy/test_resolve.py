@@ -16,6 +16,7 @@ from deploy.resolve import (
     algorithms,
     merge,
     parse_actors,
+    parse_lag,
     parse_sets,
     read_file,
     resolve,
@@ -70,6 +71,28 @@ def test_what_runs_in_parallel_has_an_actor_for_each_level():
     assert config.cluster.actors == {"easy": 1, "hard": 1}
 
 
+@pytest.mark.parametrize("algorithm", algorithms())
+def test_every_algorithm_runs_free_with_whole_episodes_an_actor_and_a_bound(algorithm):
+    config = resolve({"algorithm": algorithm, "lag": "free"})
+    assert (config.max_staleness, config.cluster.actors, config.learning.steps_a_fragment) == (32, {"easy": 1}, None)
+    assert resolve({"algorithm": algorithm, "lag": "free", "max_staleness": 5}).max_staleness == 5
+
+
+def test_free_refuses_returns_that_it_cannot_correct():
+    given_ = {"algorithm": "ppo", "lag": "free", "ppo": {"returns": "standardised"}}
+    assert complaint(resolve, given_) == (
+        "lag free: it corrects by values what older weights did, and those of ppo.returns standardised are on another "
+        "scale than rewards, make it scaled"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "lag"), [("0", 0), ("3", 3), ("free", "free"), ("3.5", "3.5"), ("-1", "-1"), ("\u0663", "\u0663")]
+)
+def test_a_lag_of_the_command_line_is_a_number_if_it_looks_like_one(text, lag):
+    assert parse_lag(text) == lag
+
+
 def test_what_is_given_outranks_preset_and_level():
     config = resolve({"level": "medium", "discount": 0.5, "dqn": {"learn_every_steps": 7}})
     assert (config.learning.discount, config.learning.dqn.learn_every_steps) == (0.5, 7)
@@ -105,7 +128,7 @@ def test_resolving_changes_nothing_that_was_given():
             {"mix": {"easy": "x"}},
             "mix.easy: input should be a valid number, unable to parse string as a number, not 'x'",
         ),
-        ({"lag": "x"}, "lag: input should be a valid integer, unable to parse string as an integer, not 'x'"),
+        ({"lag": "x"}, "lag: 'x' is no lag: give a whole number from 0 to 1024, or free"),
         ({"lag": 1, "fragment_steps": 3}, "lag 1 needs whole episodes: add --set fragment_steps=null"),
         ({"rule": "x"}, "unknown rule 'x': known are dqn, drqn, imitate, ppo, ppor, sil"),
         (
@@ -164,6 +187,7 @@ def test_an_existing_run_may_get_another_cluster():
         ({"episodes": 20}, "episodes 10, not 20"),
         ({"seed": 5}, "seed 1, not 5"),
         ({"lag": 2}, "lag 0, not 2"),
+        ({"lag": "free"}, "lag 0, not free"),
         ({"algorithm": "dqn"}, "algorithm dddqn, not dqn"),
         ({"algorithm": "ppo", "ppo": {"epochs": 3}}, "algorithm dddqn, not ppo"),
         ({"rule": "ppo"}, "rule dqn, not ppo"),
@@ -599,7 +623,7 @@ WORLDS = st.fixed_dictionaries(
         "observation": st.sampled_from(["tree", "global", {"kind": "tree", "depth": 1}]),
         "decisions": st.sampled_from(["cells", "legacy", "always"]),
         "reward": st.sampled_from(["study", "delay"]),
-        "lag": st.sampled_from([0, 3]),
+        "lag": st.sampled_from([0, 3, "free"]),
     }
 )
 

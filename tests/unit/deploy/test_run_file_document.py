@@ -29,6 +29,7 @@ def test_no_other_key_is_named():
     for algorithm in algorithms():
         known |= set(flat(resolve({"algorithm": algorithm}).plain()))
     known |= set(flat(resolve({"algorithm": "dqn", "replay": {"kind": "prioritized"}}).plain()))
+    known |= set(flat(resolve({"algorithm": "ppo", "lag": "free"}).plain()))
     assert known | set(WHOLE) >= NAMED
 
 

@@ -77,7 +77,7 @@ def process(name="learner", **changes):
     return ProcessStatus(**fields | changes)
 
 
-def status(**changes):
+def status(staleness=None, **changes):
     progress = Progress(
         done=40,
         leased=2,
@@ -87,6 +87,7 @@ def status(**changes):
         evaluations=3,
         evaluations_due=4,
         return_last_100=-0.375,
+        staleness_last_100=staleness,
         episodes_per_s=2.5,
         steps_per_s=99.6,
         refused=0,
@@ -126,6 +127,17 @@ def test_one_line_says_how_far_a_run_is():
     )
     assert progress_line(status(time_left_s=None)).endswith("1 processes")
     assert progress_line(status(state="starting", progress=None)) == "starting ..."
+
+
+@pytest.mark.parametrize(
+    ("staleness", "in_line", "in_view"),
+    [(None, "", ""), (0.0, "", ""), (2.34, "  staleness(100) 2.3", "staleness of the last 100: 2.3")],
+)
+def test_how_stale_weights_are_is_told_where_they_are(staleness, in_line, in_view):
+    assert f"return(100) -0.375{in_line}  2.5 ep/s" in progress_line(status(staleness))
+    seen = rendered(view(status(staleness), []))
+    assert in_view in seen
+    assert ("staleness" in seen) == bool(in_view)
 
 
 def test_compiling_is_said_before_there_is_progress():
@@ -254,6 +266,8 @@ def test_a_row_is_a_line_of_its_figures():
     assert row_line(episode(7)) == (
         "episode      7  easy    return  -0.500  arrived 1/2  steps  37  epsilon 0.125  actor-easy-0"
     )
+    assert row_line(episode(7).model_copy(update={"staleness": 2})) == f"{row_line(episode(7))}  staleness 2"
+    assert row_line(episode(7).model_copy(update={"staleness": 0})) == row_line(episode(7))
     assert row_line(evaluation(50)) == (
         "checkpoint  50  easy    greedy  -0.250  arrived 75%  all arrived 50%  steps 42"
     )

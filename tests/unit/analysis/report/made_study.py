@@ -38,6 +38,7 @@ def make_run(path, returns, *, scored=None, **given):
             actor="actor-0",
             acting_s=1.0,
             trained_unix_s=BEGUN + number + 1,
+            staleness=number % 4,
         )
         for number, value in enumerate(returns)
     ]

@@ -35,6 +35,14 @@ def test_what_is_published_is_the_report_of_the_study_and_can_be_made_anew(made,
             assert (published / name).read_bytes() == (again / name).read_bytes() == (made.report / name).read_bytes()
 
 
+def test_how_stale_weights_were_is_kept(made, tmp_path):
+    results, path = load_study(made), tmp_path / "results.json.xz"
+    run = next(run for run, trained in results.runs.items() if trained.state == "done")
+    free = replace(results, runs=results.runs | {run: replace(results.runs[run], staleness=2.25)})
+    archive.save(path, free)
+    assert load_results(path).runs[run].staleness == 2.25
+
+
 @pytest.mark.parametrize(
     ("content", "text"),
     [

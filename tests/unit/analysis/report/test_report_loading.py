@@ -46,6 +46,16 @@ def unfinished(tmp_path):
     return folder
 
 
+def test_only_of_a_free_run_it_matters_how_stale_weights_were(tmp_path):
+    for name, lag in (("free", "free"), ("three", 3)):
+        made_study.make_run(tmp_path / name, WHOLE, algorithm="ppo", lag=lag)  # of staleness 0, 1, 2, 3, 0, 1
+    found = {run.contender: trained for run, trained in load_runs([tmp_path / "free", tmp_path / "three"]).runs.items()}
+    assert {name: (trained.is_free, trained.staleness) for name, trained in found.items()} == {
+        "ppo lag=free max_staleness=32": (True, pytest.approx(7 / 6)),
+        "ppo lag=3 max_staleness=null": (False, None),
+    }
+
+
 def test_a_study_is_as_far_as_its_folder_says(unfinished):
     (unfinished.run(PlannedRun("ppo", "easy", 2)) / "outcome.json").write_text(
         json.dumps({"outcome": "failed", "reason": "the learner died"})

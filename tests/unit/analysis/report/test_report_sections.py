@@ -8,6 +8,7 @@ import pytest
 from analysis.report import published
 from analysis.report.contents import contents
 from analysis.report.figures.style import looks
+from analysis.report.markdown import final_scores
 from analysis.report.parts import Figure, Listing
 from analysis.report.results import Rectangle, Results, Scored, Trained
 from analysis.report.sections.beyond import beyond
@@ -127,6 +128,23 @@ def test_other_settings_are_said_once_where_levels_agree():
     assert cells["ppo.clip"] == ["0.2", None]
     assert cells["discount"] == ["0.99", "0.99"]
     assert not {"seed", "algorithm", "dqn.batch_size", "replay.capacity"} & set(cells)
+
+
+def test_what_nobody_can_make_again_is_marked():
+    free = resolve({"algorithm": "ppo", "level": "easy", "lag": "free", "max_staleness": 9})
+    runs = {
+        ("own", "easy", 1): replace(trained(*WHOLE), config=free, staleness=2.34),
+        ("own", "easy", 2): replace(trained(*WHOLE), config=free),
+        ("dqn", "easy", 1): replace(trained(*WHOLE), config=resolve({"algorithm": "dqn", "lag": 3})),
+    }
+    listed = [line for part in summary(results(runs)).parts if isinstance(part, Listing) for line in part.lines]
+    assert [line for line in listed if "repeatable" in line] == [
+        "own-easy-1 is not repeatable: acted with the newest weights (staleness mean 2.3, at most 9).",
+        "own-easy-2 is not repeatable: acted with the newest weights (staleness mean -, at most 9).",
+    ]
+    table = final_scores(results(runs))
+    assert "| `own` (lag free: not repeatable) |" in table
+    assert "| `dqn` |" in table
 
 
 def test_the_levels_are_described_once_each():

@@ -136,6 +136,7 @@ EPISODE_ROWS = st.builds(
     trained_unix_s=FLOATS,
     learned_reward=optional(FLOATS),
     score=optional(FLOATS),
+    staleness=optional(COUNTS),
 )
 EVALUATION_ROWS = st.builds(
     rows.EvaluationRow,
@@ -163,6 +164,7 @@ PROGRESS = st.builds(
     evaluations=COUNTS,
     evaluations_due=COUNTS,
     return_last_100=optional(FLOATS),
+    staleness_last_100=optional(FLOATS),
     episodes_per_s=FLOATS,
     steps_per_s=FLOATS,
     refused=COUNTS,
@@ -202,6 +204,7 @@ REPORTS = {
         snapshot=COUNTS,
         checkpoints=COUNTS,
         return_last_100=optional(FLOATS),
+        staleness_last_100=optional(FLOATS),
         episodes_per_s=FLOATS,
         steps_per_s=FLOATS,
         refused=COUNTS,
@@ -370,7 +373,7 @@ def test_arrays_come_back_writable_and_owning_their_memory():
 def test_the_bytes_of_messages_are_pinned():
     assert encode(LEASE).hex() == LEASE_HEX
     assert encode(WEIGHTS).hex() == WEIGHTS_HEX
-    assert encoding_of(acting.Lease) == "application/msgpack;railctl.Lease.6"
+    assert encoding_of(acting.Lease) == "application/msgpack;railctl.Lease.7"
 
 
 def test_pinned_bytes_are_still_understood():
@@ -380,9 +383,9 @@ def test_pinned_bytes_are_still_understood():
 
 
 def test_another_version_is_refused_by_name_before_the_body_is_looked_at():
-    text = refusal(acting.Lease, b"\xc1", "application/msgpack;railctl.Lease.5")
+    text = refusal(acting.Lease, b"\xc1", "application/msgpack;railctl.Lease.6")
     assert text == (
-        "schema is 'application/msgpack;railctl.Lease.5', this process speaks 'application/msgpack;railctl.Lease.6'"
+        "schema is 'application/msgpack;railctl.Lease.6', this process speaks 'application/msgpack;railctl.Lease.7'"
     )
 
 
@@ -390,7 +393,7 @@ def test_another_version_is_refused_by_name_before_the_body_is_looked_at():
 def test_another_schema_is_refused_by_name(encoding):
     text = refusal(acting.Lease, encode(LEASE), encoding)
     assert encoding[:100] in text
-    assert "railctl.Lease.6" in text
+    assert "railctl.Lease.7" in text
     assert len(text) < 300
 
 

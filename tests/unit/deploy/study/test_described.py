@@ -79,6 +79,11 @@ def test_settings_of_all_runs_lie_below_those_of_a_contender():
     assert (per.cluster.cores, per.cluster.actors) == (1, {"hard": 1})
 
 
+def test_a_study_may_be_of_runs_that_are_free():
+    config = configurations(study(settings={"lag": "free"}), 1)[PlannedRun("per", "hard", 5)]
+    assert (config.lag, config.max_staleness, config.learning.steps_a_fragment) == ("free", 32, None)
+
+
 @pytest.mark.parametrize(
     ("changes", "text"),
     [

@@ -281,6 +281,35 @@ def test_leases_of_an_earlier_learner_are_taken_on_trust_until_their_turn():
     train(made)
 
 
+def test_a_free_run_takes_what_an_earlier_learner_leased_if_its_weights_are_not_too_old():
+    made = desk("a", free=True, lag=3, levels=("easy",) * 9, start=Start(trained=5, version=5))
+    too_old, old = (answer_to(edited(made._lease((5, 0)), weights_version=version), actor="a") for version in (1, 2))
+    made.ask("a asks", request("a", [(5, 0)]), NOW)
+    assert made.arrive(too_old) is None
+    assert made.next_ready() is None
+    assert made.story[-1] == "refused episode 5, fragment 0 of a: weights_version is 1, its lease says 5"
+    assert lease(made, "a", kept=[(5, 0)]).unit == (5, 0)  # and has it acted again
+    assert made.arrive(old) is None
+    assert train(made).staleness(made.ledger.version) == 3
+
+
+def test_a_free_run_takes_what_comes_late_of_an_earlier_lease_of_the_same_actor():
+    """An actor that was started anew is leased what the one before had published: either is as good."""
+    made = desk("a", "b", free=True, lag=3, levels=("easy",) * 9)
+    first, second = lease(made, "a"), lease(made, "b")
+    made.arrive(answer_to(first, actor="a"))
+    train(made)
+    made.actor_gone("b-1")
+    made.actor_gone("a-1")
+    made.actor_came("b", "b-2")
+    made.ask("b asks", LeaseRequest(actor="b", incarnation="b-2", serves="easy", kept=np.zeros((0, 2), np.int64)), NOW)
+    [(_, answer, _)] = made.give(NOW)
+    assert (answer.lease.episode, answer.lease.weights_version, second.weights_version) == (1, 1, 0)
+    assert made.arrive(answer_to(second, actor="b")) is None
+    assert made.next_ready().lease.weights_version == 0
+    assert made.refused == 0
+
+
 def test_fragments_end_where_the_steps_of_the_run_are_multiples_and_carry_what_is_before():
     made = desk("a", fragment_steps=4, start=Start(trained=1, version=3, steps=10))
     assert made.ledger.trained == made.safe_before == 1

@@ -7,6 +7,7 @@ from test_learner_restart import Cluster, config
 from common.folder import RunFolder
 from common.levels.supply import LevelSupply
 from common.wire.keys import Alive
+from deploy.resolve import resolve
 from services.learner.inline_actor import NAME, InlineActor
 
 EPISODES = 3
@@ -72,6 +73,23 @@ def test_acting_goes_to_an_actor_within_an_episode_and_back(tmp_path):
     assert [fragment.lease.unit for fragment in [*heard[:middle], fragments[middle], *heard[middle:]]] == [
         fragment.lease.unit for fragment in fragments
     ]
+
+
+def test_a_free_run_without_actors_is_the_serial_one(tmp_path):
+    """What it acts itself has the weights of now, so that there is nothing to correct, to the bit."""
+    curves = []
+    for lag in (0, "free"):
+        (tmp_path / str(lag)).mkdir()
+        folder = RunFolder(tmp_path / str(lag))
+        wants(folder, 0)
+        given = {"algorithm": "ppo", "lag": lag, "episodes": EPISODES, "cluster": {"actors": {}}}
+        cluster = Cluster(folder, resolve(given))
+        for _ in range(2):
+            cluster.learner.turn()
+        cluster.learner.close()
+        curves.append([(row.digest, row.staleness) for row in cluster.rows()])
+    assert curves[0] == curves[1]
+    assert [staleness for _, staleness in curves[1]] == [0] * EPISODES
 
 
 def test_a_paused_learner_acts_nothing(tmp_path):

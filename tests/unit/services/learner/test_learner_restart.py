@@ -173,6 +173,80 @@ def test_a_restarted_learner_has_the_weights_that_its_leases_name(tmp_path, lag)
             assert weights.tensors[name].tobytes() == tensor.tobytes()
 
 
+def free(**changes):
+    cluster = {"actors": {"easy": 1}, "snapshot_every_episodes": 5}
+    return config("free", **{"max_staleness": 4, "cluster": cluster} | changes)
+
+
+def test_a_free_run_leases_the_newest_weights_and_says_how_stale_they_were(tmp_path):
+    cluster = Cluster(RunFolder(tmp_path), free())
+    cluster.come("one", "two")
+    slow = cluster.lease("two")
+    assert (slow.episode, slow.weights_version) == (0, 0)
+    ahead = [cluster.lease("one")]
+    for _ in range(3):
+        cluster.bring(acted(ahead[-1], "one"))
+        ahead.append(cluster.lease("one"))
+    cluster.bring(acted(ahead[-1], "one"))
+    assert [lease.weights_version for lease in ahead] == [0, 0, 0, 0]
+    cluster.bring(acted(slow, "two"))
+    lease = cluster.lease("one")
+    assert (lease.episode, lease.weights_version) == (5, 5)
+    cluster.bring(acted(lease, "one"))
+    cluster.learner.close()
+    assert [row.staleness for row in cluster.rows()] == [0, 1, 2, 3, 4, 0]
+    assert [row.weights_version for row in cluster.rows()] == [0, 0, 0, 0, 0, 5]
+    metrics = read_rows(RunFolder(tmp_path).metrics_file, MetricRow)
+    assert [row.metrics["staleness"] for row in metrics] == [0, 1, 2, 3, 4, 0]
+    assert cluster.report.staleness_last_100 == pytest.approx(10 / 6)
+
+
+def test_a_free_run_that_goes_on_trains_every_episode_once_and_minds_no_other_curve(tmp_path, caplog):
+    folder = RunFolder(tmp_path)
+    before = Cluster(folder, free())
+    before.come("one", "two")
+    for _ in range(7):
+        before.bring(acted(before.lease("one")))
+    kept = acted(before.lease("one"))  # with version 7, which is lost
+    before.learner.close()
+
+    after = Cluster(folder, free())
+    after.come("one", "two")
+    assert after.question("one", [kept.lease.unit]).missing.tolist() == [[7, 0]]
+    after.bring(kept)
+    for _ in range(2):
+        lease = after.lease("two")
+        assert lease.weights_version == lease.episode
+        after.bring(acted(edited(lease, weights_version=2), "two"))
+    after.learner.close()
+    assert [row.episode for row in after.rows()] == list(range(8))
+    assert [row.staleness for row in after.rows()[5:]] == [3, 4, 0]
+    assert "is not what it was before" not in caplog.text
+
+
+def test_an_exact_run_whose_curve_comes_out_different_says_so(tmp_path, caplog):
+    folder = RunFolder(tmp_path)
+    for seen in (0.25, 0.5):
+        cluster = Cluster(folder, config(0))
+        cluster.come("one")
+        lease = cluster.lease("one")
+        cluster.bring(answer_to(lease, actor="one", n_features=N_FEATURES, seen=seen))
+        cluster.learner.close()
+    assert "episode 0 is not what it was before the restart" in caplog.text
+
+
+def test_a_free_run_keeps_the_weights_of_its_newest_checkpoint(tmp_path):
+    """It would not come to them again, and who looks at its scores would look at those of others."""
+    folder = RunFolder(tmp_path)
+    cluster = Cluster(folder, free(evaluation={"every_episodes": 3}))
+    cluster.come("one")
+    for _ in range(4):
+        cluster.bring(acted(cluster.lease("one")))
+    cluster.learner.close()
+    assert [path.stem for path in sorted(folder.snapshots.iterdir())] == ["00000003"]
+    assert [path.stem for path in sorted(folder.checkpoints.iterdir())] == ["00000003"]
+
+
 def test_a_checkpoint_is_listed_as_soon_as_it_is_written(tmp_path):
     cluster = Cluster(RunFolder(tmp_path), config(0))
     assert cluster.ask(keys.LIST_CHECKPOINTS, Empty()).answered.episodes == []

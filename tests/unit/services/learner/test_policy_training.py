@@ -13,7 +13,16 @@ from services.learner.sparse import sparse_rows
 RULES = ("ppo", "ppor", "sil")
 
 
-def make_trainer(rule, n_features=6, hidden=(16, 16), capacity=120, discount=0.99, batch_size=32, returns="scaled"):
+def make_trainer(
+    rule,
+    n_features=6,
+    hidden=(16, 16),
+    capacity=120,
+    discount=0.99,
+    batch_size=32,
+    returns="scaled",
+    off_policy=False,
+):
     ppo = {"learning_rate": 0.001, "epochs": 4, "returns": returns}
     sections = {
         "ppo": {"ppo": ppo},
@@ -25,7 +34,8 @@ def make_trainer(rule, n_features=6, hidden=(16, 16), capacity=120, discount=0.9
         },
     }
     given = sections[rule] | {"network": {"hidden": hidden}, "discount": discount}
-    return build_trainer(rule, Learning(5, 100, settings_of(rule).model_validate(given), n_features, 5))
+    settings = settings_of(rule).model_validate(given)
+    return build_trainer(rule, Learning(5, 100, settings, n_features, 5, off_policy=off_policy))
 
 
 def make_policy_episode(number, n_features=6, offset=0):
@@ -106,6 +116,60 @@ def test_a_truncated_train_is_worth_what_it_saw_last_and_an_arrived_one_is_not()
             hashes[arrived, seen] = weights_hash(trainer)
     assert hashes[-1, -0.1] != hashes[-1, -0.9]
     assert hashes[39, -0.1] == hashes[39, -0.9]
+
+
+def acted_by(trainer, number):
+    """An episode whose decisions are as probable as the trainer's policy would have made them, and of its values."""
+    episode = make_policy_episode(number)
+    new = trainer.experience(episode.course)
+    log_probabilities, values = trainer._network.reconsider(sparse_rows(new.observation_tm1), new)
+    return edited(episode, log_probabilities=log_probabilities, values=values)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_what_the_policy_acted_itself_needs_no_correction_and_gives_the_same_bits(rule):
+    free, exact = make_trainer(rule, off_policy=True), make_trainer(rule)
+    for number in range(3):
+        episode = acted_by(exact, number)
+        told, plain = free.train(episode), exact.train(episode)
+        assert told == plain | {"clipped_ratio": 1.0}
+    assert weights_hash(free) == weights_hash(exact)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_what_the_policy_would_hardly_do_any_more_hardly_counts(rule):
+    """However good it was: decisions that were certain then, of which the policy now thinks one in five."""
+    trainer = make_trainer(rule, off_policy=True)
+    episode = acted_by(trainer, 1)
+    sure = edited(episode, log_probabilities=np.zeros(len(episode.course.decisions), np.float32))
+    plain = trainer.experience(sure.course)
+    learned, ratios = trainer._corrected(sure.course, plain)
+    now, values = trainer._network.reconsider(sparse_rows(plain.observation_tm1), plain)
+    np.testing.assert_allclose(ratios, np.exp(now), rtol=1e-6)
+    assert ratios.mean() < 0.5  # some had no choice
+    assert abs(learned.return_t - values).mean() < abs(plain.return_t - values).mean()
+    assert (learned.log_probability_tm1.tobytes(), learned.value_tm1.tobytes()) == (now.tobytes(), values.tobytes())
+    assert learned.least_return_t.tobytes() == plain.least_return_t.tobytes()  # imitation looks at what came of it
+    assert trainer.train(sure)["clipped_ratio"] == pytest.approx(ratios.mean())
+
+
+def test_an_episode_without_decisions_needs_no_correction():
+    trainer = make_trainer("ppo", off_policy=True)
+    assert "clipped_ratio" not in trainer.train(without(make_policy_episode(2), np.zeros(0, np.int64)))
+
+
+def test_who_learns_from_a_teacher_corrects_nothing():
+    settings = settings_of("imitate").model_validate(
+        {"imitation": {"learning_rate": 0.001, "updates": 1, "batch_size": 8}, "replay": {"capacity": 100}}
+    )
+    told, hashes = [], set()
+    for off_policy in (False, True):
+        trainer = build_trainer("imitate", Learning(5, 100, settings, 6, 5, off_policy=off_policy))
+        episode = make_policy_episode(1)
+        told.append(trainer.train(edited(episode, labels=episode.course.decisions.actions)))
+        hashes.add(weights_hash(trainer))
+    assert told[0] == told[1]
+    assert told[0]["updates"] == len(hashes) == 1
 
 
 def test_standardised_returns_by_hand():

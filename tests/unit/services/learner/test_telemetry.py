@@ -23,7 +23,7 @@ def tell(telemetry, fragment):
 def told(telemetry, episode, *fragments):
     for fragment in fragments:
         tell(telemetry, fragment)
-    telemetry.end_episode(episode, acting_s=0.5, waited_s=0.25)
+    telemetry.end_episode(episode, acting_s=0.5, waited_s=0.25, staleness=2)
 
 
 def rows(folder):
@@ -45,7 +45,7 @@ def test_counts_are_summed_and_all_else_is_averaged_over_the_fragments_that_tell
     assert first["episode"] == 0
     metrics = first["metrics"]
     assert (metrics["updates"], metrics["loss"], metrics["fragments"]) == (4.0, 3.0, 3.0)
-    assert (metrics["acting_s"], metrics["actor_waited_s"]) == (0.5, 0.25)
+    assert (metrics["acting_s"], metrics["actor_waited_s"], metrics["staleness"]) == (0.5, 0.25, 2.0)
     assert min(metrics["learning_s"], metrics["publishing_s"], metrics["learner_waited_s"]) >= 0
     assert (metrics["messages"], metrics["message_bytes"]) == (2.0, 4.0)
     assert (second["metrics"]["messages"], second["metrics"]["message_bytes"]) == (1.0, 6.0)
