@@ -3,7 +3,6 @@
 import itertools
 import os
 import signal
-import statistics
 import sys
 import threading
 from pathlib import Path
@@ -12,13 +11,17 @@ from typing import NamedTuple
 import pytest
 
 from common.locks import living
+from common.records.rows import EpisodeRow
+from common.rows import read_rows
+from deploy.follow import wait_until
 from tools.bench.alone import Alone
 
-WARM_MINUTES, MINUTES_ALONE, MINUTES_WATCHED = 3, 8, 9
+MINUTES_ALONE, MINUTES_WATCHED = 10, 10
 LOOKS_A_MINUTE = 3
 TAILS, STOPPED = 50, 6
 PATIENCE_S = 300.0
 PROCESSES = ("router", "learner", "evaluator", "actor-easy-0", "actor-easy-1", "supervisor")
+WARM = 1000  # episodes, by which all is compiled and the replay full
 COMPARED = 300  # episodes, with one process alone
 GROWTH_MB = 4.0
 OPTIONS = [
@@ -44,19 +47,24 @@ def held(pid):
 
 
 def watch(clusters, name, minutes):
-    """What each process holds in the first minute and in the last one: of each the median, for files come and go."""
+    """What each process holds in the first minute and in the last one."""
     looks = []
     for _ in range(minutes * LOOKS_A_MINUTE):
         threading.Event().wait(60 / LOOKS_A_MINUTE)
         looks.append({process: held(pid) for process, pid in living(clusters.folder(name)).items()})
-    return middle(looks[:LOOKS_A_MINUTE]), middle(looks[-LOOKS_A_MINUTE:])
+    return least(looks[:LOOKS_A_MINUTE]), least(looks[-LOOKS_A_MINUTE:])
 
 
-def middle(looks):
+def least(looks):
+    """For files are open for a moment, and what is waste grows from look to look."""
     return {
-        process: Held(*(statistics.median(values) for values in zip(*(look[process] for look in looks), strict=True)))
+        process: Held(*(min(values) for values in zip(*(look[process] for look in looks), strict=True)))
         for process in looks[0]
     }
+
+
+def trained(folder):
+    return len(read_rows(folder.episodes_file, EpisodeRow))
 
 
 class Reader:
@@ -82,8 +90,7 @@ class Reader:
 def test_neither_age_nor_tails_wear_a_run(clusters, capsys):
     clusters.railctl("up", "--name", "aged", "--detach", *OPTIONS)
     folder = clusters.folder("aged")
-    clusters.wait(lambda: len(living(folder)) == len(PROCESSES))
-    threading.Event().wait(60 * WARM_MINUTES)
+    assert wait_until(lambda: trained(folder) >= WARM and len(living(folder)) == len(PROCESSES), 4 * PATIENCE_S)
     pids, alone = living(folder), watch(clusters, "aged", MINUTES_ALONE)
     readers = [Reader(clusters.start("tail", "aged", "--json"), slow=number == STOPPED) for number in range(TAILS)]
     for reader in readers:
@@ -96,11 +103,12 @@ def test_neither_age_nor_tails_wear_a_run(clusters, capsys):
         reader.end()
     clusters.railctl("down", "aged")
     with capsys.disabled():
-        sys.stdout.write(table(alone, watched))
+        sys.stdout.write(f"{trained(folder)} episodes{table(alone, watched)}")
     for first, last in (alone, watched):
         for process, (memory_mb, handles, threads) in first.items():
             assert last[process].memory_mb < memory_mb + GROWTH_MB, process
-            assert (last[process].handles, last[process].threads) == (handles, threads), process
+            assert last[process].handles <= handles, process
+            assert last[process].threads <= threads, process
     rows = [row for row in clusters.curve("aged") if "digest" in row]
     undisturbed = itertools.islice(Alone(folder.config()).train(), COMPARED)
     assert [row["digest"] for row in rows[:COMPARED]] == [episode.digest for episode in undisturbed]
