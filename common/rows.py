@@ -2,6 +2,7 @@
 
 import os
 from array import array
+from collections import deque
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
@@ -35,6 +36,22 @@ def each_row(path: Path, record_type: type[R]) -> Iterator[R]:
         with open_at_once(path) as file:
             for number, line in enumerate(_whole_lines(file), start=1):
                 yield _row(path, record_type, number, line)
+
+
+def last_rows(path: Path, record_type: type[R], count: int) -> tuple[int, list[R]]:
+    """How many whole rows a file has, and the last `count` of them; the others are only counted.
+
+    Raises:
+        DamagedRows: one of the last is not a valid row.
+    """
+    lines, total = deque[bytes](maxlen=count), 0
+    if path.exists():
+        with open_at_once(path) as file:
+            for line in _whole_lines(file):
+                lines.append(line)
+                total += 1
+    first = total - len(lines) + 1
+    return total, [_row(path, record_type, number, line) for number, line in enumerate(lines, start=first)]
 
 
 class RowFile(Generic[R]):

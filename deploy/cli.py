@@ -1,5 +1,10 @@
 """The railctl command line: one verb a file in `deploy.commands`, imported when it is given."""
 
+from importlib.metadata import version
+from typing import Annotated
+
+import typer
+
 from deploy.verbs import Verb, group
 
 app = group(
@@ -8,6 +13,10 @@ app = group(
         "up": Verb(
             "deploy.commands.up:up",
             "Start a run or go on with one: router, learner, actors, evaluator and their supervisor.",
+        ),
+        "list": Verb(
+            "deploy.commands.list:list_",
+            "List all runs, the newest last: state, algorithm, levels, progress, return of the last 100 episodes.",
         ),
         "status": Verb(
             "deploy.commands.status:status",
@@ -76,7 +85,23 @@ app = group(
             "deploy.commands.study:app", "Plan, run, watch and report on studies: many runs that are compared."
         ),
     },
+    completes=True,
 )
+
+
+def _say_version(asked: bool) -> None:
+    if asked:
+        print(f"railctl {version('railctl')}")
+        raise typer.Exit
+
+
+@app.callback()
+def whole(
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Stand for what all verbs have in common."""
 
 
 def main() -> None:

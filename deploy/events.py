@@ -1,7 +1,6 @@
 """What happened to a run, and when: `events.jsonl`, which its supervisor writes and `railctl status` shows."""
 
 import logging
-from collections import deque
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,7 +10,7 @@ from common.folder import RunFolder
 from common.process import STARTING, Fatal
 from common.records.heartbeats import Heartbeat, LearnerReport
 from common.records.rows import EventKind, EventRow
-from common.rows import DamagedRows, RowFile, each_row
+from common.rows import DamagedRows, RowFile, last_rows
 from deploy.supervisor import Happening
 
 LONGEST_CHARACTERS = 4000
@@ -88,5 +87,5 @@ class DamagedSnapshots:
 
 
 def last_events(folder: RunFolder, count: int) -> list[EventRow]:
-    """The newest events of a run, in order; raises DamagedRows as `each_row`."""
-    return list(deque(each_row(folder.events_file, EventRow), maxlen=count))
+    """The newest events of a run, in order; raises DamagedRows as `last_rows`."""
+    return last_rows(folder.events_file, EventRow, count)[1]

@@ -3,7 +3,6 @@
 import queue
 import shutil
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from heapq import merge
@@ -15,11 +14,12 @@ from common.folder import RunFolder
 from common.locks import living
 from common.records.control import Empty, ProcessStatus, Progress, RunState, Status
 from common.records.rows import EpisodeRow, EvaluationRow, HistoryRequest
-from common.rows import each_row
+from common.rows import each_row, last_rows
 from common.wire import keys
 from common.wire.keys import Service
 
 ASK_TIMEOUT_S = 3.0
+RECENT = 100  # episodes whose mean return is shown
 Row = EpisodeRow | EvaluationRow
 History = Service[HistoryRequest, Any]
 
@@ -36,11 +36,7 @@ def live_status(bus: Bus) -> Status:
 def status_from_files(folder: RunFolder) -> Status:
     """The status of a run whose supervisor does not answer."""
     config = folder.config()
-    done, recent, staleness = 0, deque[float](maxlen=100), deque[int](maxlen=100)
-    for row in each_row(folder.episodes_file, EpisodeRow):
-        done += 1
-        recent.append(row.normalised_return)
-        staleness.append(row.staleness or 0)
+    done, recent = last_rows(folder.episodes_file, EpisodeRow, RECENT)
     checkpoints = len(list(folder.checkpoints.glob("*.safetensors"))) * len(config.mix)
     snapshots = [int(path.stem) for path in folder.snapshots.glob("*.safetensors") if path.stem.isdecimal()]
     alive = living(folder)
@@ -62,8 +58,8 @@ def status_from_files(folder: RunFolder) -> Status:
             snapshot=max(snapshots, default=0),
             evaluations=sum(1 for _ in each_row(folder.evaluations_file, EvaluationRow)),
             evaluations_due=checkpoints,
-            return_last_100=sum(recent) / len(recent) if recent else None,
-            staleness_last_100=sum(staleness) / len(staleness) if staleness else None,
+            return_last_100=mean(row.normalised_return for row in recent),
+            staleness_last_100=mean(row.staleness or 0 for row in recent),
             episodes_per_s=0.0,
             steps_per_s=0.0,
             refused=0,
@@ -74,6 +70,12 @@ def status_from_files(folder: RunFolder) -> Status:
         problems=[reason] if reason else [],
         processes=[_unsupervised(name, pid) for name, pid in alive.items() if name != "supervisor"],
     )
+
+
+def mean(values: Iterable[float]) -> float | None:
+    """None of nothing."""
+    found = list(values)
+    return sum(found) / len(found) if found else None
 
 
 def outcome_of(folder: RunFolder) -> tuple[RunState, str]:

@@ -19,7 +19,7 @@ from common.process import NO_ROOM
 from common.rows import DamagedRows
 from common.strict import ConfigError, brief, describe
 from common.task import FAILED, WRONG_USAGE
-from deploy.runs import Failed
+from deploy.runs import Failed, all_runs
 
 P = ParamSpec("P")
 
@@ -28,10 +28,23 @@ WIDEST = 1000  # characters
 LONGEST_LINE = 2000  # characters
 NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.ENOENT, errno.EEXIST)
 
-RunName = Annotated[str | None, typer.Argument(metavar="RUN", help="Name or folder of the run; default: the newest.")]
+
+def run_names() -> list[str]:
+    """What a shell may complete the name of a run with."""
+    return [run.path.name for run in all_runs()]
+
+
+RunName = Annotated[
+    str | None,
+    typer.Argument(metavar="RUN", help="Name or folder of the run; default: the newest.", autocompletion=run_names),
+]
 RunOrAddress = Annotated[
     str | None,
-    typer.Argument(metavar="RUN", help="Name, folder or address (tls/node7:7447) of the run; default: the newest."),
+    typer.Argument(
+        metavar="RUN",
+        help="Name, folder or address (tls/node7:7447) of the run; default: the newest.",
+        autocompletion=run_names,
+    ),
 ]
 Keys = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of keys, for the address of a run.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]

@@ -49,9 +49,10 @@ class Verbs(TyperGroup):
         return typer.main.get_command(found)
 
 
-def group(text: str, verbs: Mapping[str, Verb]) -> typer.Typer:
-    """A group of verbs and what its help page says of it."""
+def group(text: str, verbs: Mapping[str, Verb], *, completes: bool = False) -> typer.Typer:
+    """A group of verbs and what its help page says of it; the whole command line has shells complete it."""
     app = _app(
+        add_completion=completes,
         cls=type("Verbs", (Verbs,), {"verbs": verbs}),
         help=text,
         no_args_is_help=True,
@@ -64,7 +65,7 @@ def group(text: str, verbs: Mapping[str, Verb]) -> typer.Typer:
 
 
 def _app(**settings: Any) -> typer.Typer:
-    return typer.Typer(add_completion=False, pretty_exceptions_enable=False, **settings)
+    return typer.Typer(pretty_exceptions_enable=False, **{"add_completion": False} | settings)
 
 
 def _is_text(word: str) -> bool:

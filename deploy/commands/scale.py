@@ -9,7 +9,7 @@ from common.folder import RunFolder
 from common.records.control import ScaleRequest
 from common.wire.keys import SCALE
 from deploy.far import place_of, reach_far
-from deploy.output import AsJson, Keys, one_line_errors, say
+from deploy.output import AsJson, Keys, one_line_errors, run_names, say
 from deploy.resolve import parse_actors
 from deploy.runs import Failed, find_run, reach
 
@@ -18,7 +18,9 @@ TIMEOUT_S = 5.0
 
 @one_line_errors
 def scale(
-    run: Annotated[str, typer.Argument(metavar="RUN", help="Name, folder or address of the run.")],
+    run: Annotated[
+        str, typer.Argument(metavar="RUN", help="Name, folder or address of the run.", autocompletion=run_names)
+    ],
     counts: Annotated[list[str], typer.Argument(metavar="LEVEL=COUNT", help="For example easy=3 hard=1.")],
     keys: Keys = None,
     as_json: AsJson = False,

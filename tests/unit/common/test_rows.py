@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from common import rows as rows_module
 from common.records.rows import EpisodeRow
-from common.rows import DamagedRows, RowFile, read_rows
+from common.rows import DamagedRows, RowFile, last_rows, read_rows
 
 
 def row(number, normalised_return=-0.5):
@@ -114,6 +114,25 @@ def test_a_damaged_line_before_the_end_is_named(tmp_path, line):
             f"{path} line 2 is not a valid row: delete this and all later lines to lose only those"
         )
     assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(("count", "first"), [(2, 3), (5, 0), (9, 0)])
+def test_the_last_rows_are_read_and_the_others_counted(tmp_path, count, first):
+    path = written(tmp_path / "rows.jsonl", 5)
+    lines = path.read_bytes().splitlines()
+    path.write_bytes(b"\n".join([b"nonsense" if first else lines[0], *lines[1:], b'{"epi']))  # the last is torn
+    assert last_rows(path, EpisodeRow, count) == (5, [row(number) for number in range(first, 5)])
+
+
+def test_of_no_file_there_are_no_last_rows(tmp_path):
+    assert last_rows(tmp_path / "none.jsonl", EpisodeRow, 3) == (0, [])
+
+
+def test_a_damaged_line_among_the_last_is_named(tmp_path):
+    path = written(tmp_path / "rows.jsonl", 5)
+    path.write_bytes(path.read_bytes() + b"nonsense\n")
+    with pytest.raises(DamagedRows, match="line 6 is not a valid row"):
+        last_rows(path, EpisodeRow, 2)
 
 
 def test_cutting_returns_what_it_cuts_off_and_the_file_goes_on(tmp_path):

@@ -3,6 +3,7 @@
 import json
 import os
 from contextlib import ExitStack
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,27 @@ def output(*arguments):
     result = railctl(*arguments)
     assert (result.exit_code, result.stderr) == (0, ""), result.stderr
     return result.stdout
+
+
+def completed(words, monkeypatch):
+    """What a shell offers for the last word."""
+    monkeypatch.setenv("_RAILCTL_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split(" ")) - 1))
+    return CliRunner().invoke(app, [], prog_name="railctl").stdout.split()
+
+
+def test_it_says_its_version():
+    assert output("--version") == f"railctl {version('railctl')}\n"
+
+
+def test_a_shell_completes_verbs_options_and_the_names_of_runs(root, monkeypatch):
+    make("first-run")
+    assert completed("railctl st", monkeypatch) == ["status", "study"]
+    assert completed("railctl up --epi", monkeypatch) == ["--episodes"]
+    assert completed("railctl levels sh", monkeypatch) == ["show"]
+    for verb in ("status", "tail", "down", "pause", "logs", "scale"):
+        assert completed(f"railctl {verb} fi", monkeypatch) == ["first-run"]
 
 
 def make(name="one", **given):
