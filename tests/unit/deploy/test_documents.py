@@ -42,6 +42,8 @@ def spoken(text):
 
 def unknown(words):
     """What is wrong with a command's words, if anything."""
+    if words[0].startswith("-"):  # of the whole command line
+        return [word for word in words if word not in {name for parameter in MAIN.params for name in parameter.opts}]
     path = tuple(words[:2]) if words[:1] in (["keys"], ["levels"], ["study"]) else tuple(words[:1])
     wrong = []
     for verb in path[-1].split("|"):
