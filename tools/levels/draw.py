@@ -42,7 +42,7 @@ def draw(level: Level, path: Path, title: str) -> Path:
     handles = [_train(axes, level, train) for train in range(level.n_trains)]
     axes.legend(
         handles=handles,
-        title=f"{level.n_trains} trains, {level.max_steps} steps\ntrain: start to target",
+        title=f"{level.n_trains} train{'s' * (level.n_trains != 1)}, {level.max_steps} steps\ntrain: start to target",
         loc="upper left",
         bbox_to_anchor=(1.01, 1),
         ncols=ceil(level.n_trains / max(LEAST_LINES, int(height * inches * LINES_PER_INCH) - 3)),
