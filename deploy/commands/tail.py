@@ -39,8 +39,8 @@ def _follow(folder: RunFolder, *, as_json: bool) -> None:
         with reach(folder) as bus:
             rows = Rows(bus)
             _print(rows.history(), as_json=as_json)
-            while living(folder):
-                _print(rows.next(WAIT_S), as_json=as_json)
+            while (fresh := rows.next(WAIT_S)) or living(folder):  # asked only when nothing comes: it opens files
+                _print(fresh, as_json=as_json)
             _print(rows.rest(folder), as_json=as_json)
     except NoAnswer:
         _print(rows_from_files(folder), as_json=as_json)
