@@ -3,7 +3,6 @@
 import os
 import re
 import shutil
-import socket
 import subprocess
 import time
 import uuid
@@ -28,9 +27,10 @@ from common.rows import DamagedRows, each_row
 from common.rules.settings import DEMONSTRATIONS_FILE, START_FILE
 from common.snapshots import check_history, newest_snapshot
 from common.strict import ConfigError, shortened
-from common.tls import Credentials, host_and_port
+from common.tls import Credentials
 from deploy.certificates import check as check_credentials
 from deploy.demonstrations import copy_demonstrations
+from deploy.listening import check_free
 from deploy.plan import ENVIRONMENT
 from deploy.runs import Failed, runs_root, supervised, without_configuration
 from deploy.start import copy_start
@@ -183,15 +183,7 @@ def check_listening(config: RunConfig) -> None:
     if listen is None or folder is None:
         return
     check_credentials(Credentials(Path(folder), "host"))
-    host, port = host_and_port(listen)
-    try:
-        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, socket.SOCK_STREAM) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the router does
-            probe.bind(address)
-    except OSError as error:
-        remedy = "give a free port, and 0.0.0.0 or an address of this machine"
-        raise Failed(f"cluster.listen {listen}: {error.strerror}: {remedy}") from None
+    check_free("cluster.listen", listen)
 
 
 def save_config(folder: RunFolder, config: RunConfig) -> None:

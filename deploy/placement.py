@@ -11,9 +11,9 @@ from typing import NamedTuple
 import yaml
 
 from analysis.study import Study
-from common.config import MAX_ACTORS, Plain, RunConfig
+from common.config import MAX_ACTORS, MAX_LAG, Plain, RunConfig
 from common.levels.distributions import ANY
-from common.strict import ConfigError, nearest
+from common.strict import ConfigError, nearest, shortened
 from deploy.launch import check_name
 from deploy.resolve import resolve
 from deploy.study.described import configurations
@@ -21,6 +21,7 @@ from deploy.study.shares import check_shares
 from deploy.whole_paths import with_whole_paths
 
 PORTS = range(1024, 65536)  # those below are for root alone
+MAX_NODES = MAX_LAG + 1  # no lag has work for an actor on each of more
 HOST_MIB = 4096  # router, learner, evaluator, supervisor, and what they hold for a moment
 JOIN_MIB = 1024
 ACTOR_MIB = 512
@@ -114,8 +115,8 @@ def placed(  # noqa: PLR0913  (all that a user says)
 
 
 def _check(config: RunConfig, nodes: int, actors: Mapping[str, int], port: int) -> None:
-    if nodes < 2:
-        raise ConfigError(f"--nodes {nodes}: the run's host is one of them, give at least 2")
+    if not 2 <= nodes <= MAX_NODES:
+        raise ConfigError(f"--nodes {shortened(nodes)}: the run's host is one of them, give 2 to {MAX_NODES}")
     for level in actors:
         if level != ANY and level not in config.mix:
             raise ConfigError(f"--actors-per-node {level}: the run has no such level{nearest(level, list(config.mix))}")

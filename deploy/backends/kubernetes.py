@@ -14,8 +14,10 @@ from common.task import WRONG_USAGE
 from deploy.placement import Placement, Size, joiner_size
 from deploy.whole_paths import files_of
 
-NAME_FORM = re.compile(r"[a-z]([a-z0-9-]{0,38}[a-z0-9])?")  # of objects: Kubernetes has a stricter form than we
+# Kubernetes has stricter forms than we; the name of a Job, run-actors-level, may have 63 characters
+NAME_FORM = re.compile(r"[a-z]([a-z0-9-]{0,37}[a-z0-9])?")
 LEVEL_FORM = re.compile(r"[a-z0-9]([a-z0-9-]{0,14}[a-z0-9])?")
+IMAGE_FORM = re.compile(r"[A-Za-z0-9][A-Za-z0-9._:/@-]*")
 USER = 10001  # of the image
 KEYS, RUN_FILE, RUNS = "/etc/railctl/keys", "/etc/railctl/run/run.yaml", "/runs"
 COMPILED, COPY = "/var/cache/railctl", "/compiled"  # the image's compiled code, and what a pod may write of it
@@ -30,9 +32,9 @@ def manifests(placement: Placement, image: str) -> str:
     """All that `kubectl apply` needs, with what has to be there before.
 
     Raises:
-        ConfigError: a name is none of Kubernetes, or the run reads files of this machine.
+        ConfigError: a name is none that Kubernetes takes, or the run reads files of this machine.
     """
-    _check(placement)
+    _check(placement, image)
     name = placement.name
     documents = [
         _run_file(placement),
@@ -57,9 +59,12 @@ class _Written(yaml.SafeDumper):
 _Written.add_representer(str, _Written.represent_text)
 
 
-def _check(placement: Placement) -> None:
+def _check(placement: Placement, image: str) -> None:
+    if IMAGE_FORM.fullmatch(image) is None:
+        form = "letters, digits, '.', '_', ':', '/', '@' and '-'"
+        raise ConfigError(f"--image {shortened(image)}: names of images have {form}: write REGISTRY/NAME:TAG")
     if NAME_FORM.fullmatch(placement.name) is None:
-        form = "a small letter, then small letters, digits and '-', at most 40"
+        form = "a small letter, then small letters, digits and '-', at most 39"
         raise ConfigError(f"--name {shortened(placement.name)}: Kubernetes wants {form}")
     for level in placement.actors:
         if LEVEL_FORM.fullmatch(level) is None:

@@ -28,8 +28,8 @@ def run_script(placement: Placement, runs: Path) -> str:
         f"export RAILCTL_RUNS={shlex.quote(str(runs))}",
         "folder=$RAILCTL_RUNS/.slurm-$SLURM_JOB_ID keys=$folder/keys host=$(hostname)",
         f"run_file={shlex.quote(placement.run_file)}",
-        _array("up", placement.up("$folder/run.yaml", "$keys")),
-        _array("join", placement.join("$host", "$keys", placement.actors)),
+        _array("up", placement.up(f"{_variable('folder')}/run.yaml", _variable("keys"))),
+        _array("join", placement.join(_variable("host"), _variable("keys"), placement.actors)),
     ]
     return _script(asked, words, "slurm_run.sh")
 
@@ -46,7 +46,7 @@ def study_script(placement: StudyPlacement, runs: Path) -> str:
     }
     words = [
         f"export RAILCTL_RUNS={shlex.quote(str(runs))}",
-        _array("work", placement.run("$SLURM_ARRAY_TASK_ID")),
+        _array("work", placement.run(_variable("SLURM_ARRAY_TASK_ID"))),
     ]
     return _script(asked, words, "slurm_study.sh")
 
@@ -58,7 +58,17 @@ def _script(asked: Mapping[str, object], words: Sequence[str], body: str) -> str
     return "\n".join(["#!/bin/bash", *lines, "", *words, "", *shell])
 
 
+def _variable(name: str) -> str:
+    """Stands in a word for a variable of the script: between NULs, which nothing that users give can have."""
+    return f"\0{name}\0"
+
+
 def _array(name: str, words: Sequence[str]) -> str:
-    """A command as an array of bash; `$` begins a variable of the script."""
-    quoted = [f'"{word}"' if "$" in word else shlex.quote(word) for word in words]
-    return f"{name}=({' '.join(quoted)})"
+    """A command as an array of bash."""
+    return f"{name}=({' '.join(map(_quoted, words))})"
+
+
+def _quoted(word: str) -> str:
+    """A word for bash, in which nothing but variables of the script means anything."""
+    parts = enumerate(word.split("\0"))  # each second one is a variable
+    return "".join(f'"${part}"' if number % 2 else shlex.quote(part) for number, part in parts if part)

@@ -10,6 +10,7 @@ from common.process import Stopping
 from common.strict import ConfigError
 from common.tls import host_and_port
 from deploy.far import credentials_for, shake_hands
+from deploy.listening import check_free
 from deploy.output import console, one_line_errors
 from deploy.runs import Failed
 
@@ -28,6 +29,7 @@ def relay(
         host_and_port(listen)
     except ValueError as error:
         raise ConfigError(f"--listen: {error}") from None
+    check_free("--listen", listen)
     shake_hands(address, credentials)
     stopping, was_linked = Stopping(), False
     try:

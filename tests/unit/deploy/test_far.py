@@ -16,7 +16,7 @@ from common.records.joining import RunIntroduction
 from common.records.rows import EpisodeRows, EvaluationRow, EvaluationRows
 from common.sessions import Door
 from common.strict import ConfigError
-from common.task import WRONG_USAGE
+from common.task import FAILED, WRONG_USAGE
 from common.tls import Credentials
 from common.wire import keys
 from deploy.certificates import create
@@ -222,3 +222,10 @@ def test_an_address_takes_keys_and_a_name_takes_none(address, folder, command):
     for name in (["one"], []):
         text = complaint(WRONG_USAGE, command, *name, "--keys", folder)
         assert text.startswith(f"railctl: --keys {folder}: only the address of a run takes keys, ")
+
+
+def test_a_relay_listens_nowhere_but_at_a_free_address(near, tmp_path, address):
+    create(tmp_path / "keys", [], ["127.0.0.1"])
+    said = complaint(FAILED, "relay", address, "--keys", tmp_path / "keys", "--listen", address)
+    remedy = "give a free port, and 0.0.0.0 or an address of this machine"
+    assert said == f"railctl: --listen {address}: Address already in use: {remedy}"

@@ -76,7 +76,7 @@ def test_a_script_for_a_study_shares_it_out():
     script = railctl("study", "place", "thesis-mini", "--shares", 2, "--cores", 1).stdout
     assert "#SBATCH --array=1-2\n" in script
     assert (
-        'work=(railctl study run thesis-mini --name thesis-mini --share "$SLURM_ARRAY_TASK_ID/2" --cores 1)' in script
+        'work=(railctl study run thesis-mini --name thesis-mini --share "$SLURM_ARRAY_TASK_ID"/2 --cores 1)' in script
     )
 
 

@@ -13,9 +13,9 @@ from deploy.placement import placed
 VERSIONS = ("1.31", "1.37")  # the first in which all that is used is stable but `podReplacementPolicy`, and the newest
 
 
-def rendered(given=None, name="demo", actors=None):
+def rendered(given=None, name="demo", actors=None, image="registry.example.org/railctl:1"):
     placement = placed(given or {"lag": 7}, Path(), name, 3, actors or {"easy": 4}, 7447)
-    return manifests(placement, "registry.example.org/railctl:1")
+    return manifests(placement, image)
 
 
 def documents(text):
@@ -139,7 +139,7 @@ def test_pods_are_started_again_unless_their_usage_is_wrong(mixed):
             assert job["spec"]["template"]["spec"]["restartPolicy"] == "Never"  # as failure policies demand
 
 
-@pytest.mark.parametrize("name", ["Demo", "de.mo", "1demo", "demo-", "d" * 41])
+@pytest.mark.parametrize("name", ["Demo", "de.mo", "1demo", "demo-", "d" * 40])
 def test_names_that_kubernetes_does_not_take_are_refused(name):
     with pytest.raises(ConfigError, match=r"^--name .*: Kubernetes wants a small letter, then"):
         rendered(name=name)
@@ -149,3 +149,16 @@ def test_levels_after_which_no_job_can_be_named_are_refused():
     levels = {"Rush_1": {"rules": "stock", "size": [30, 30], "trains": 3, "cities": 3}}
     with pytest.raises(ConfigError, match=r"^--actors-per-node '?Rush_1'?: a Job is named after it"):
         rendered({"levels": levels, "mix": {"Rush_1": 1}, "lag": 1}, actors={"Rush_1": 1})
+
+
+def test_the_longest_names_that_pass_name_jobs_that_kubernetes_takes():
+    level = "l" * 16
+    levels = {level: {"rules": "stock", "size": [30, 30], "trains": 3, "cities": 3}}
+    text = rendered({"levels": levels, "mix": {level: 1}, "lag": 1}, name="d" * 39, actors={level: 1})
+    assert max(len(name) for kind, name in documents(text) if kind == "Job") == 63  # it labels pods with it
+
+
+@pytest.mark.parametrize("image", ["a b", "a\nb: c", "--- #", "-x", "$(rm)"])
+def test_what_no_image_is_called_is_refused(image):
+    with pytest.raises(ConfigError, match=r"^--image .*: names of images have .*: write REGISTRY/NAME:TAG$"):
+        rendered(image=image)

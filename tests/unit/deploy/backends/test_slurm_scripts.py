@@ -133,3 +133,11 @@ def test_a_share_of_a_study_likewise(tmp_path, study, number, again):
     bash.wait_for("railctl")
     assert bash.end(number) == 1
     assert bash.calls == ["railctl study run my study.yaml --name mine --share 3/8 --cores 2", "railctl ended", *again]
+
+
+def test_bash_takes_no_path_for_more_than_a_path(tmp_path):
+    path = "/of/$(touch made)`touch made` \"$HOME\" 'it'\n/study.yaml"
+    bash = Bash(tmp_path, study_script(StudyPlacement(path, "mine", 8, 2), tmp_path / "$(touch made)"))
+    assert bash.end() == 0
+    assert "\n".join(bash.calls) == f"railctl study run {path} --name mine --share 3/8 --cores 2"
+    assert not (tmp_path / "made").exists()
