@@ -11,6 +11,7 @@ from common.locks import holder, living
 from common.strict import ConfigError, brief, nearest, shortened
 
 CONNECT_TIMEOUT_S = 2.0
+PRETRAINED = Path(__file__).parent / "pretrained"
 
 
 class Failed(Exception):  # noqa: N818  (it ends a command)
@@ -70,7 +71,7 @@ def without_configuration(path: Path) -> ConfigError:
 
 
 def find_checkpoint(name: str) -> Path:
-    """The checkpoint file of this path, or the newest of the run of this name or path.
+    """The checkpoint file of this path, one that ships, as `pretrained/NAME`, or the newest of the run that is named.
 
     Raises:
         ConfigError: there is no such file or run.
@@ -78,6 +79,8 @@ def find_checkpoint(name: str) -> Path:
     """
     if Path(name).is_file():
         return Path(name)
+    if name.startswith(f"{PRETRAINED.name}/"):
+        return _pretrained(name)
     if name.endswith(".safetensors"):
         raise ConfigError(f"{brief(name)}: no such file: the checkpoints of a run lie in its folder checkpoints")
     try:
@@ -90,6 +93,17 @@ def find_checkpoint(name: str) -> Path:
     if not numbered:
         raise Failed(f"run {run.path.name} has no checkpoint yet: railctl checkpoint {run.path.name} writes one")
     return max(numbered, key=lambda path: int(path.stem))
+
+
+def pretrained() -> list[str]:
+    """The names of the checkpoints that ship."""
+    return sorted(f"{PRETRAINED.name}/{path.stem}" for path in PRETRAINED.glob("*.safetensors"))
+
+
+def _pretrained(name: str) -> Path:
+    if name not in (known := pretrained()):
+        raise ConfigError(f"{brief(name)}: no such checkpoint ships{nearest(name, known)}")
+    return PRETRAINED / f"{name.partition('/')[2]}.safetensors"
 
 
 def supervised(folder: RunFolder) -> bool:

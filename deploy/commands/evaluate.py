@@ -25,7 +25,7 @@ def evaluate(
         str,
         typer.Argument(
             metavar="CHECKPOINT|POLICY",
-            help="A .safetensors file, or a run: its newest checkpoint; or a reference policy: "
+            help="A .safetensors file, one that ships (pretrained/dispatch-hard), a run: its newest; or a policy: "
             + ", ".join(REFERENCES)
             + ".",
         ),
