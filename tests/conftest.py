@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import tempfile
 
 import pytest
@@ -11,6 +12,7 @@ from xdist.scheduler import LoadFileScheduling
 from deploy.plan import ENVIRONMENT
 
 os.environ.update(ENVIRONMENT)
+signal.signal(signal.SIGINT, signal.default_int_handler)  # who is started in a shell's background ignores it
 settings.register_profile("any machine", deadline=None)  # however busy it is
 settings.load_profile("any machine")
 
