@@ -267,7 +267,7 @@ class Bus:
 
     def connected(self) -> bool:
         """Whether the router is there right now."""
-        return bool(self._session.info.routers_zid())
+        return _is_linked(self._session)
 
     def _body(self, message: Any) -> bytes:
         """Of whatever has arrived.
@@ -350,15 +350,9 @@ def open_router(endpoint: str, door: Door | None = None) -> Iterator[None]:
     Raises:
         OSError: it cannot listen there.
     """
-    try:
-        session = _open(sessions.router(endpoint, door))
-    except zenoh.ZError as error:
-        places = endpoint if door is None else f"{endpoint} and {door.listen}"
-        raise OSError(f"cannot listen on {places}: {error}") from None
-    try:
+    places = endpoint if door is None else f"{endpoint} and {door.listen}"
+    with _listening(sessions.router(endpoint, door), places):
         yield
-    finally:
-        session.close()
 
 
 @contextmanager
@@ -371,14 +365,26 @@ def open_relay(listen: str, host: str, credentials: Credentials) -> Iterator[Cal
     Raises:
         OSError: it cannot listen there.
     """
+    with _listening(sessions.relay(listen, host, credentials), listen) as session:
+        yield lambda: _is_linked(session)
+
+
+@contextmanager
+def _listening(settings: sessions.Plain, places: str) -> Iterator[Any]:
+    """A session that others link to at these places; raises OSError if it cannot listen there."""
     try:
-        session = _open(sessions.relay(listen, host, credentials))
+        session = _open(settings)
     except zenoh.ZError as error:
-        raise OSError(f"cannot listen on {listen}: {error}") from None
+        raise OSError(f"cannot listen on {places}: {error}") from None
     try:
-        yield lambda: bool(session.info.routers_zid())
+        yield session
     finally:
         session.close()
+
+
+def _is_linked(session: Any) -> bool:
+    """Whether the router of a client, or another router, is there right now."""
+    return bool(session.info.routers_zid())
 
 
 def _open(settings: sessions.Plain) -> Any:

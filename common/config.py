@@ -34,13 +34,14 @@ PATHS = {"start_from": "checkpoint", "demonstrations": "file"}  # sections of fi
 Plain = dict[str, Any]
 
 
-def _lag(value: Any) -> Any:
+def checked_lag(value: Any) -> Any:
+    """A lag as it was given; raises ValueError for what is none."""
     if value == "free" or (isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MAX_LAG):
         return value
     raise ValueError(f"{shortened(value)} is no lag: give a whole number from 0 to {MAX_LAG}, or free")
 
 
-Lag = Annotated[int | Literal["free"], BeforeValidator(_lag)]
+Lag = Annotated[int | Literal["free"], BeforeValidator(checked_lag)]
 
 
 class EvaluationConfig(Strict):

@@ -78,7 +78,7 @@ def _control(trusted: Plain, roles: Mapping[FarRole, Rights], namespace: str) ->
     subjects: list[Plain] = [trusted]
     policies = [{"rules": ["everything"], "subjects": [trusted["id"]]}]
     for role, rights in roles.items():
-        theirs = [*_rules(role, rights, namespace), *(_told(rights, namespace) if role == "relay" else ())]
+        theirs = _rules(role, rights, namespace)
         rules += theirs
         subjects.append({"id": role, "link_protocols": ["tls"], "cert_common_names": [common_name(role)]})
         policies.append({"rules": [rule["id"] for rule in theirs], "subjects": [role]})
@@ -95,31 +95,25 @@ def _rules(role: str, rights: Rights, namespace: str) -> list[Plain]:
     """Each right by its messages, to the router (`ingress`) and from it."""
     asked = [service.key for service in rights.asks]
     heard = [topic.key for topic in rights.hears]
-    wanted = (
-        ("publishes", "put", "ingress", [topic.key for topic in rights.publishes]),
+    published = [topic.key for topic in rights.publishes]
+    wanted = [
+        ("publishes", "put", "ingress", published),
         ("listens", "declare_subscriber", "ingress", heard),
         ("hears", "put", "egress", heard),
         ("asks", "query", "ingress", asked),
         ("is-answered", "reply", "egress", asked),
         ("holds", "liveliness_token", "ingress", list(rights.holds)),
-    )
+    ]
+    if role == "relay":  # routers pass on only what they have been told that somebody answers, or wants to hear
+        wanted += [
+            ("knows-who-answers", "declare_queryable", "egress", asked),
+            ("knows-who-listens", "declare_subscriber", "egress", published),
+            ("knows-who-watches", "declare_liveliness_subscriber", "egress", [*rights.holds, ALL_ALIVE]),
+        ]
     return [
         _rule(f"{role}-{name}", [message], [flow], [absolute(namespace, key) for key in found])
         for name, message, flow, found in wanted
         if found
-    ]
-
-
-def _told(rights: Rights, namespace: str) -> list[Plain]:
-    """What a relay has to be told: routers pass on only what they know that somebody answers or wants to hear."""
-    wanted = (
-        ("knows-who-answers", "declare_queryable", [service.key for service in rights.asks]),
-        ("knows-who-listens", "declare_subscriber", [topic.key for topic in rights.publishes]),
-        ("knows-who-watches", "declare_liveliness_subscriber", [*rights.holds, ALL_ALIVE]),
-    )
-    return [
-        _rule(f"relay-{name}", [message], ["egress"], [absolute(namespace, key) for key in found])
-        for name, message, found in wanted
     ]
 
 

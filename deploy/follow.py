@@ -12,6 +12,7 @@ from typing import Any
 from common.bus import Bus, NoAnswer
 from common.folder import RunFolder
 from common.locks import living
+from common.recent import RECENT_EPISODES, mean_of
 from common.records.control import Empty, ProcessStatus, Progress, RunState, Status
 from common.records.rows import EpisodeRow, EvaluationRow, HistoryRequest
 from common.rows import each_row, last_rows
@@ -19,7 +20,6 @@ from common.wire import keys
 from common.wire.keys import Service
 
 ASK_TIMEOUT_S = 3.0
-RECENT = 100  # episodes whose mean return is shown
 Row = EpisodeRow | EvaluationRow
 History = Service[HistoryRequest, Any]
 
@@ -36,7 +36,7 @@ def live_status(bus: Bus) -> Status:
 def status_from_files(folder: RunFolder) -> Status:
     """The status of a run whose supervisor does not answer."""
     config = folder.config()
-    done, recent = last_rows(folder.episodes_file, EpisodeRow, RECENT)
+    done, recent = last_rows(folder.episodes_file, EpisodeRow, RECENT_EPISODES)
     checkpoints = len(list(folder.checkpoints.glob("*.safetensors"))) * len(config.mix)
     snapshots = [int(path.stem) for path in folder.snapshots.glob("*.safetensors") if path.stem.isdecimal()]
     alive = living(folder)
@@ -58,8 +58,8 @@ def status_from_files(folder: RunFolder) -> Status:
             snapshot=max(snapshots, default=0),
             evaluations=sum(1 for _ in each_row(folder.evaluations_file, EvaluationRow)),
             evaluations_due=checkpoints,
-            return_last_100=mean(row.normalised_return for row in recent),
-            staleness_last_100=mean(row.staleness or 0 for row in recent),
+            return_last_100=mean_of(row.normalised_return for row in recent),
+            staleness_last_100=mean_of(row.staleness or 0 for row in recent),
             episodes_per_s=0.0,
             steps_per_s=0.0,
             refused=0,
@@ -70,12 +70,6 @@ def status_from_files(folder: RunFolder) -> Status:
         problems=[reason] if reason else [],
         processes=[_unsupervised(name, pid) for name, pid in alive.items() if name != "supervisor"],
     )
-
-
-def mean(values: Iterable[float]) -> float | None:
-    """None of nothing."""
-    found = list(values)
-    return sum(found) / len(found) if found else None
 
 
 def outcome_of(folder: RunFolder) -> tuple[RunState, str]:

@@ -5,10 +5,11 @@ from typing import NamedTuple
 
 from common.folder import RunFolder
 from common.locks import living
+from common.recent import RECENT_EPISODES, mean_of
 from common.records.rows import EpisodeRow
 from common.rows import DamagedRows, last_rows
 from common.strict import ConfigError
-from deploy.follow import RECENT, mean, outcome_of
+from deploy.follow import outcome_of
 from deploy.output import AsJson, console, one_line_errors, print_table, say
 from deploy.runs import all_runs, runs_root
 from deploy.show import duration, named_table, number
@@ -57,7 +58,7 @@ def _listed(folder: RunFolder) -> Listed:
     changed = file.stat().st_mtime
     try:
         config = folder.config()
-        done, recent = last_rows(folder.episodes_file, EpisodeRow, RECENT)
+        done, recent = last_rows(folder.episodes_file, EpisodeRow, RECENT_EPISODES)
     except (ConfigError, DamagedRows) as error:
         return Listed(folder.path.name, "unreadable", None, [], None, None, None, None, None, changed, str(error))
     return Listed(
@@ -69,7 +70,7 @@ def _listed(folder: RunFolder) -> Listed:
         seed=config.seed,
         done=done,
         episodes=config.episodes,
-        return_last_100=mean(row.normalised_return for row in recent),
+        return_last_100=mean_of(row.normalised_return for row in recent),
         changed_unix_s=changed,
     )
 
@@ -98,9 +99,5 @@ def _cells(run: Listed) -> list[str]:
 
 
 def _ago(seconds: float) -> str:
-    """How long ago, in days where hours say little.
-
-    >>> _ago(3725.0), _ago(400_000.0)
-    ('1:02:05 ago', '4 days ago')
-    """
+    """How long ago, in days where hours say little."""
     return f"{duration(seconds)} ago" if seconds < 2 * DAY_S else f"{seconds // DAY_S:.0f} days ago"

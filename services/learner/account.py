@@ -1,13 +1,13 @@
 """The account of a run: its rows, its pace, and when snapshots and checkpoints fall due. Pure: times come in."""
 
 from collections import deque
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 
+from common.recent import RECENT_EPISODES, mean_of
 from common.records.rows import EpisodeRow
 from services.learner.opened import OpenEpisode
 
 RATE_WINDOW_S = 30.0
-RECENT_EPISODES = 100
 
 
 class Account:
@@ -34,12 +34,12 @@ class Account:
     @property
     def mean_return(self) -> float | None:
         """Of the last `RECENT_EPISODES` episodes; None before the first."""
-        return _mean(self._returns)
+        return mean_of(self._returns)
 
     @property
     def mean_staleness(self) -> float | None:
         """As `mean_return`."""
-        return _mean(self._staleness)
+        return mean_of(self._staleness)
 
     def pace(self, now: float) -> tuple[float, float]:
         """Episodes and environment steps a second, over about the last `RATE_WINDOW_S`."""
@@ -52,10 +52,6 @@ class Account:
         self.steps += row.steps
         self._returns.append(row.normalised_return)
         self._staleness.append(row.staleness or 0)
-
-
-def _mean(values: Collection[float]) -> float | None:
-    return sum(values) / len(values) if values else None
 
 
 def is_due(trained: int, every: int, *, finished: bool) -> bool:

@@ -25,7 +25,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from common.config import MAX_ACTORS, MAX_LAG
+from common.config import MAX_ACTORS, checked_lag
 from common.folder import RunFolder
 from common.levels.distributions import shipped
 from common.records.rows import EpisodeRow, MetricRow
@@ -183,8 +183,10 @@ def kinds_of(lags: Sequence[str] | None, actors: Sequence[int] | None) -> Sequen
 
 def lag_of(text: str) -> str:
     """The value of an option that is a lag."""
-    if text != FREE and not (text.isdecimal() and int(text) <= MAX_LAG):
-        raise argparse.ArgumentTypeError(f"{text!r} is no lag: give a whole number from 0 to {MAX_LAG}, or free")
+    try:
+        checked_lag(int(text) if text.isdecimal() else text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
     return text
 
 

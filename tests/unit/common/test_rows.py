@@ -6,29 +6,15 @@ import os
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_rows import episode_row
 
 from common import rows as rows_module
 from common.records.rows import EpisodeRow
 from common.rows import DamagedRows, RowFile, last_rows, read_rows
 
 
-def row(number, normalised_return=-0.5):
-    return EpisodeRow(
-        episode=number,
-        level="easy",
-        seed=7,
-        normalised_return=normalised_return,
-        arrived=1,
-        trains=2,
-        steps=30,
-        decisions=4,
-        epsilon=0.1,
-        weights_version=number,
-        digest=f"{number:032x}",
-        actor="actor-easy-0",
-        acting_s=0.25,
-        trained_unix_s=1000.125,
-    )
+def row(number, value=-0.5):
+    return episode_row(number, seed=7, normalised_return=value, digest=f"{number:032x}", trained_unix_s=1000.125)
 
 
 def written(path, count):

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from made_rows import episode_row
 from typer.testing import CliRunner
 
 from common import checkpoint
@@ -89,29 +90,10 @@ def make(name="one", **given):
     return new_run(name, resolve({"episodes": 10, "cluster": {"cores": 1}} | given))
 
 
-def episode(number):
-    return EpisodeRow(
-        episode=number,
-        level="easy",
-        seed=1,
-        normalised_return=-0.5,
-        arrived=1,
-        trains=2,
-        steps=30,
-        decisions=4,
-        epsilon=0.1,
-        weights_version=number,
-        digest="0" * 32,
-        actor="actor-easy-0",
-        acting_s=0.25,
-        trained_unix_s=1000.0,
-    )
-
-
 def write_episodes(folder, count):
     file = RowFile(folder.episodes_file, EpisodeRow)
     for number in range(count):
-        file.append(episode(number))
+        file.append(episode_row(number))
     file.close()
 
 
@@ -507,7 +489,7 @@ def test_the_rows_of_a_run_that_is_not_running(root):
         ["episode", "2"],
     ]
     rows = [json.loads(line) for line in output("tail", "one", "--json").splitlines()]
-    assert [EpisodeRow.model_validate(row) for row in rows] == [episode(number) for number in range(3)]
+    assert [EpisodeRow.model_validate(row) for row in rows] == [episode_row(number) for number in range(3)]
 
 
 @pytest.mark.parametrize("verb", ["status", "tail"])
@@ -606,7 +588,7 @@ def cluster(root):
         bus.serve(keys.STATUS, lambda question: question.answer(status))
         bus.serve(keys.SCALE, obey)
         bus.serve(keys.COMMAND_LEARNER, obey)
-        rows = [episode(number) for number in range(2)]
+        rows = [episode_row(number) for number in range(2)]
         bus.serve(keys.EPISODE_HISTORY, lambda q: q.answer(EpisodeRows(rows=rows[q.request.first :], total=2)))
         bus.serve(keys.EVALUATION_HISTORY, lambda q: q.answer(EvaluationRows(rows=[], total=0)))
         yield said

@@ -5,6 +5,7 @@ import os
 from types import SimpleNamespace
 
 import pytest
+from made_rows import episode_row
 
 from common.bus import NoAnswer
 from common.folder import RunFolder
@@ -20,22 +21,7 @@ CHUNK = 3  # the rows that our learner sends at a time
 
 
 def episode(number):
-    return EpisodeRow(
-        episode=number,
-        level="easy",
-        seed=1,
-        normalised_return=-number / 100,
-        arrived=1,
-        trains=2,
-        steps=30,
-        decisions=4,
-        epsilon=0.1,
-        weights_version=number,
-        digest="0" * 32,
-        actor="actor-easy-0",
-        acting_s=0.25,
-        trained_unix_s=1000.0,
-    )
+    return episode_row(number, normalised_return=-number / 100)
 
 
 def evaluation(number, level="easy"):

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_rows import episode_row
 
 from common import checkpoint
 from common.interpreter import PYTHON
 from common.locks import sole
 from common.private import is_private, remove_endpoint
-from common.records.rows import EpisodeRow
 from common.strict import ConfigError, shortened
 from deploy import launch
 from deploy.certificates import create
@@ -40,22 +40,7 @@ from common.private import is_private, remove_endpoint
 with sole(RunFolder(Path(sys.argv[1])), "supervisor"):
     sys.stdin.read()
 """
-ROW = EpisodeRow(
-    episode=0,
-    level="easy",
-    seed=1,
-    normalised_return=-0.5,
-    arrived=1,
-    trains=2,
-    steps=30,
-    decisions=4,
-    epsilon=0.1,
-    weights_version=0,
-    digest="0" * 32,
-    actor="learner",
-    acting_s=0.25,
-    trained_unix_s=1000.0,
-).model_dump_json(by_alias=True)
+ROW = episode_row(0, actor="learner").model_dump_json(by_alias=True)
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ import time
 
 import pytest
 from command_line import railctl
+from made_rows import episode_row
 
 from common.folder import Outcome, RunFolder
 from common.locks import sole
@@ -29,28 +30,9 @@ def make(root, name, returns=(), **given):
     save_config(folder, resolve({"episodes": 40} | given))
     file = RowFile(folder.episodes_file, EpisodeRow)
     for number, value in enumerate(returns):
-        file.append(row(number, value))
+        file.append(episode_row(number, normalised_return=value))
     file.close()
     return folder
-
-
-def row(number, value):
-    return EpisodeRow(
-        episode=number,
-        level="easy",
-        seed=1,
-        normalised_return=value,
-        arrived=1,
-        trains=2,
-        steps=30,
-        decisions=4,
-        epsilon=0.1,
-        weights_version=number,
-        digest="0" * 32,
-        actor="learner",
-        acting_s=0.25,
-        trained_unix_s=1000.0,
-    )
 
 
 def listed():

@@ -4,11 +4,12 @@ import time
 from collections import Counter
 
 import pytest
+from made_rows import episode_row
 from rich.console import Console
 
 from common.compile_signs import COMPILING
 from common.records.control import ProcessStatus, Progress, Status
-from common.records.rows import EpisodeRow, EvaluationRow
+from common.records.rows import EvaluationRow
 from deploy.show import (
     duration,
     evaluation_table,
@@ -30,21 +31,8 @@ def rendered(renderable, width=120):
 
 
 def episode(number_, value=-0.5, arrived=1, level="easy"):
-    return EpisodeRow(
-        episode=number_,
-        level=level,
-        seed=1,
-        normalised_return=value,
-        arrived=arrived,
-        trains=2,
-        steps=30 + number_,
-        decisions=4,
-        epsilon=0.125,
-        weights_version=number_,
-        digest="0" * 32,
-        actor="actor-easy-0",
-        acting_s=0.25,
-        trained_unix_s=1000.0,
+    return episode_row(
+        number_, level=level, normalised_return=value, arrived=arrived, steps=30 + number_, epsilon=0.125
     )
 
 

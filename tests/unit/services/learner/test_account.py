@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from made_episodes import cut, edited, make_episode
 
-from services.learner.account import RATE_WINDOW_S, RECENT_EPISODES, Account, is_due, row_of
+from common.recent import RECENT_EPISODES
+from services.learner.account import RATE_WINDOW_S, Account, is_due, row_of
 from services.learner.opened import OpenEpisode
 
 

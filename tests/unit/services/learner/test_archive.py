@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_rows import episode_row
 
 from common import checkpoint
 from common.config import parse_config
@@ -35,22 +36,7 @@ def config(**changes):
 
 
 def row(number, digest=None):
-    return EpisodeRow(
-        episode=number,
-        level="easy",
-        seed=number,
-        normalised_return=-0.5,
-        arrived=1,
-        trains=2,
-        steps=30,
-        decisions=4,
-        epsilon=0.1,
-        weights_version=number,
-        digest=digest or f"{number:032x}",
-        actor="actor-easy-0",
-        acting_s=0.25,
-        trained_unix_s=1000.0,
-    )
+    return episode_row(number, seed=number, digest=digest or f"{number:032x}")
 
 
 def state(number):

@@ -1,0 +1,24 @@
+"""Rows of episodes for tests that care for one or two of their values."""
+
+from common.records.rows import EpisodeRow
+
+
+def episode_row(number, **changes):
+    """The row of an episode, with some values of its own."""
+    values = {
+        "episode": number,
+        "level": "easy",
+        "seed": 1,
+        "normalised_return": -0.5,
+        "arrived": 1,
+        "trains": 2,
+        "steps": 30,
+        "decisions": 4,
+        "epsilon": 0.1,
+        "weights_version": number,
+        "digest": "0" * 32,
+        "actor": "actor-easy-0",
+        "acting_s": 0.25,
+        "trained_unix_s": 1000.0,
+    }
+    return EpisodeRow(**values | changes)
