@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from tensorboard.summary.writer import event_file_writer
 
 from common.bus import Traffic
 from common.folder import RunFolder
@@ -98,7 +99,9 @@ def test_a_damaged_file_is_fatal_and_named(tmp_path):
         Telemetry(folder, 0, Traffic())
 
 
-def test_event_files_hold_the_metrics_for_tensorboard(tmp_path):
+def test_event_files_hold_the_metrics_for_tensorboard(tmp_path, monkeypatch):
+    # Files are read in the order of their names, which within a second is that of their numbers only below ten.
+    monkeypatch.setattr(event_file_writer, "_global_uid", event_file_writer.AtomicCounter(0))
     folder = RunFolder(tmp_path)
     telemetry = Telemetry(folder, 0, Traffic())
     for episode in range(3):
