@@ -1,5 +1,7 @@
 """The railctl command line: one verb a file in `deploy.commands`, imported when it is given."""
 
+import platform
+import sys
 from importlib.metadata import version
 from typing import Annotated
 
@@ -105,5 +107,9 @@ def whole(
 
 
 def main() -> None:
-    """Run the command line."""
+    """Run the command line; on Linux alone, for what ends processes and keeps sockets private is Linux's."""
+    if platform.system() != "Linux":
+        remedy = "use Linux, a virtual machine, or the image that the Dockerfile makes"
+        print(f"railctl: {platform.system()} is not supported: {remedy}", file=sys.stderr)
+        sys.exit(2)  # wrong usage; nothing is imported yet that has a name for it
     app()

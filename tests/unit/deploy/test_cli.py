@@ -20,7 +20,7 @@ from common.records.control import CommandAnswer, ProcessStatus, Status
 from common.records.rows import EpisodeRow, EpisodeRows, EvaluationRows
 from common.rows import RowFile
 from common.wire import keys
-from deploy.cli import app
+from deploy.cli import app, main
 from deploy.events import EventLog
 from deploy.launch import new_run, write_cluster_file
 from deploy.resolve import resolve
@@ -660,3 +660,11 @@ def test_up_on_a_running_run_opens_no_door(cluster, root):
 def test_a_tail_of_a_running_run_has_history_and_ends_with_it(cluster, monkeypatch):
     monkeypatch.setattr("deploy.commands.tail.living", lambda _folder: {})
     assert len(output("tail", "one").splitlines()) == 2
+
+
+def test_other_systems_are_refused_by_name(monkeypatch, capsys):
+    monkeypatch.setattr("platform.system", lambda: "Darwin")
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == WRONG_USAGE
+    assert capsys.readouterr().err.startswith("railctl: Darwin is not supported: use Linux")

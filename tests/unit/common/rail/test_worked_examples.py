@@ -11,7 +11,7 @@ import pytest
 from common.interpreter import PYTHON
 
 ROOT = Path(__file__).parents[4]
-TEXT = (ROOT / "CONTRIBUTING.md").read_text()
+TEXT = (ROOT / "docs" / "CONTRIBUTING.md").read_text()
 PLAYED = """
 import numpy as np
 from made_rails import EAST, line

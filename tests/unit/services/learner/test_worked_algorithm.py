@@ -11,7 +11,7 @@ from common.interpreter import PYTHON
 HERE = Path(__file__).parent
 ROOT = HERE.parents[3]
 [TEXT] = re.findall(
-    r"^## Adding an algorithm\n(.*?)^## ", (ROOT / "CONTRIBUTING.md").read_text(), re.DOTALL | re.MULTILINE
+    r"^## Adding an algorithm\n(.*?)^## ", (ROOT / "docs" / "CONTRIBUTING.md").read_text(), re.DOTALL | re.MULTILINE
 )
 LEARNED = """
 import pytest
