@@ -9,7 +9,7 @@ PACKAGES := adapters analysis common deploy services tools
 # All that runs and evaluations need, so that no first start takes a minute longer than others.
 COMPILERS := common.policy.compile services.learner.compile services.evaluator.references.compile
 
-.PHONY: install demo check test parity browser sb3 slurm soak chaos fuzz results clean
+.PHONY: install demo check test docs parity browser sb3 slurm soak chaos fuzz results clean
 
 install: $(VENV)/installed
 
@@ -31,9 +31,14 @@ check: install
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 test: check
-	$(TEST_ENVIRONMENT) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not slow and not parity and not browser and not sb3 and not slurm'
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not slow and not parity and not browser and not sb3 and not slurm and not documents'
+
+# Executes every command that README and documents show, which takes a quarter of an hour.
+docs: install
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -m documents tests/documents
 
 parity: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m parity tests/parity

@@ -1,0 +1,11 @@
+"""The page of all commands is what they say of themselves."""
+
+from pathlib import Path
+
+from tools.documents.commands import page
+
+WRITTEN = Path(__file__).parents[4] / "docs" / "commands.md"
+
+
+def test_the_page_is_up_to_date():
+    assert page() == WRITTEN.read_text(), "run python -m tools.documents.commands > docs/commands.md"

@@ -1,0 +1,1 @@
+"""What documents are made of: the page of all commands, and the site."""
