@@ -7,23 +7,23 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from common.task import FAILED
-from deploy.diagnosis import hardware, messages, software
-from deploy.diagnosis.findings import Check, Finding, Wrong
-from deploy.output import AsJson, console, one_line_errors, say
-from deploy.task import run_task
+from railctl.common.task import FAILED
+from railctl.deploy.diagnosis import hardware, messages, software
+from railctl.deploy.diagnosis.findings import Check, Finding, Wrong
+from railctl.deploy.output import AsJson, console, one_line_errors, say
+from railctl.deploy.task import run_task
 
 COMPILERS = {
-    "the world and what acts in it": "common.policy.compile",
-    "what learns": "services.learner.compile",
-    "the reference policies": "services.evaluator.references.compile",
+    "the world and what acts in it": "railctl.common.policy.compile",
+    "what learns": "railctl.services.learner.compile",
+    "the reference policies": "railctl.services.evaluator.references.compile",
 }
 SIGNS = {"ok": "ok", "note": "! ", "bad": "!!"}
 
 
 def arithmetic() -> str:
     """Two fresh processes must end in the same network, bit for bit."""
-    digests = [run_task("services.learner.selfcheck")["digest"] for _ in range(2)]
+    digests = [run_task("railctl.services.learner.selfcheck")["digest"] for _ in range(2)]
     if digests[0] != digests[1]:
         raise Wrong(
             "the same updates ended in two different networks",

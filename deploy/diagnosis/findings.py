@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
-from deploy.runs import Failed
+from railctl.deploy.runs import Failed
 
 Grade = Literal["ok", "note", "bad"]
 

@@ -7,9 +7,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from deploy.diagnosis.findings import Noted, Wrong
-from deploy.plan import ENVIRONMENT
-from deploy.runs import runs_root
+from railctl.deploy.diagnosis.findings import Noted, Wrong
+from railctl.deploy.plan import ENVIRONMENT
+from railctl.deploy.runs import runs_root
 
 GIB = 2**30
 NEEDED_MEMORY_GIB = 3.0

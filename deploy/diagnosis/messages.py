@@ -3,11 +3,11 @@
 import socket
 import time
 
-from common.bus import Bus, NoAnswer, open_bus, open_router
-from common.private import private_endpoint, remove_endpoint
-from common.records.control import CommandAnswer, Empty
-from common.wire.keys import Service
-from deploy.diagnosis.findings import Noted, Wrong
+from railctl.common.bus import Bus, NoAnswer, open_bus, open_router
+from railctl.common.private import private_endpoint, remove_endpoint
+from railctl.common.records.control import CommandAnswer, Empty
+from railctl.common.wire.keys import Service
+from railctl.deploy.diagnosis.findings import Noted, Wrong
 
 ANSWER_TIMEOUT_S = 5.0
 ECHO = Service("doctor", Empty, CommandAnswer)

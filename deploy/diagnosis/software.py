@@ -10,7 +10,7 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
-from deploy.diagnosis.findings import Noted, Wrong
+from railctl.deploy.diagnosis.findings import Noted, Wrong
 
 ARCHITECTURE = "x86_64"
 CUDA = re.compile(r"^cuda[^=]*= *'([^']+)'", re.MULTILINE)
@@ -80,7 +80,7 @@ def _folder_of(package: str) -> Path:
 
 def compiled() -> str:
     """Whether our own functions are compiled and kept."""
-    from common.rail.compiled.step import step  # noqa: PLC0415  (numba takes a second)
+    from railctl.common.rail.compiled.step import step  # noqa: PLC0415  (numba takes a second)
 
     folder = Path(step.stats.cache_path)  # type: ignore[attr-defined]  # a dispatcher of numba, whatever its type says
     if not os.access(folder if folder.exists() else folder.parent, os.W_OK):

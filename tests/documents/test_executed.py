@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.follow import wait_until
+from railctl.deploy.follow import wait_until
 
 pytestmark = pytest.mark.documents
 

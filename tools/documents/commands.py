@@ -1,16 +1,16 @@
-"""`python -m tools.documents.commands` prints docs/commands.md: all commands, as they say themselves what they do."""
+"""`python -m railctl.tools.documents.commands` prints docs/commands.md: all commands, as they say themselves what they do."""
 
 from collections.abc import Iterator
 from typing import Any
 
 import typer
 
-from deploy.cli import app
+from railctl.deploy.cli import app
 
 HEAD = """# All commands
 
 As `railctl COMMAND --help` says it; made from the code by
-`python -m tools.documents.commands > docs/commands.md`.
+`python -m railctl.tools.documents.commands > docs/commands.md`.
 What they print, and what to expect of them, is in [using.md](using.md).
 
 Every command takes `--help`. Exit codes: 0 done, 1 failed, 2 wrong usage.

@@ -13,12 +13,12 @@ from typing import NamedTuple
 import pytest
 from typer.testing import CliRunner
 
-from common.rail.compiled.step import step
-from deploy.cli import app
-from deploy.commands import doctor
-from deploy.diagnosis import hardware, messages, software
-from deploy.diagnosis.findings import Check, Finding, Noted, Wrong
-from deploy.runs import Failed
+from railctl.common.rail.compiled.step import step
+from railctl.deploy.cli import app
+from railctl.deploy.commands import doctor
+from railctl.deploy.diagnosis import hardware, messages, software
+from railctl.deploy.diagnosis.findings import Check, Finding, Noted, Wrong
+from railctl.deploy.runs import Failed
 
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "troubleshooting.md").read_text()
 

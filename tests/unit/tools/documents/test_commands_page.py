@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from tools.documents.commands import page
+from railctl.tools.documents.commands import page
 
 WRITTEN = Path(__file__).parents[4] / "docs" / "commands.md"
 
 
 def test_the_page_is_up_to_date():
-    assert page() == WRITTEN.read_text(), "run python -m tools.documents.commands > docs/commands.md"
+    assert page() == WRITTEN.read_text(), "run python -m railctl.tools.documents.commands > docs/commands.md"
