@@ -12,10 +12,11 @@ COPY adapters adapters
 COPY analysis analysis
 COPY common common
 COPY deploy deploy
+COPY railctl railctl
 COPY services services
 COPY tools tools
 RUN pip install --no-cache-dir --constraint constraints.txt --editable . \
-    && python -m compileall -q adapters analysis common deploy services tools
+    && python -m compileall -q adapters analysis common deploy railctl services tools
 
 # Its user's alone, but for the code: runs, and what is compiled beside what the image has, for other processors.
 ENV NUMBA_CPU_NAME=$CPU NUMBA_CPU_FEATURES="" NUMBA_CACHE_DIR=/var/cache/railctl
@@ -23,9 +24,9 @@ ENV RAILCTL_RUNS=/runs MPLCONFIGDIR=/tmp/matplotlib PYTHONUNBUFFERED=1
 RUN useradd --uid 10001 --create-home railctl \
     && install --directory --owner railctl --group railctl /runs /var/cache/railctl
 USER railctl
-RUN python -m common.policy.compile > /dev/null \
-    && python -m services.learner.compile > /dev/null \
-    && python -m services.evaluator.references.compile > /dev/null
+RUN python -m railctl.common.policy.compile > /dev/null \
+    && python -m railctl.services.learner.compile > /dev/null \
+    && python -m railctl.services.evaluator.references.compile > /dev/null
 
 VOLUME /runs
 ENTRYPOINT ["railctl"]

@@ -6,7 +6,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from common.interpreter import PYTHON
+from railctl.common.interpreter import PYTHON
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[3]
@@ -17,11 +17,11 @@ LEARNED = """
 import pytest
 import torch
 from made_episodes import make_episode
-from common.rules.munchausen import MunchausenConfig
-from common.strict import ConfigError
-from deploy.resolve import resolve
-from services.learner.algorithms.munchausen import munchausen_target
-from services.learner.learning import build_trainer, learning_of
+from railctl.common.rules.munchausen import MunchausenConfig
+from railctl.common.strict import ConfigError
+from railctl.deploy.resolve import resolve
+from railctl.services.learner.algorithms.munchausen import munchausen_target
+from railctl.services.learner.learning import build_trainer, learning_of
 
 config = MunchausenConfig(temperature=1.0, share=0.4, least=-10.0)
 values = torch.tensor([[0.0, 0.0]])
@@ -49,6 +49,7 @@ assert any((before[name] != array).any() for name, array in trainer.weights().it
 def test_the_example_works(tmp_path):
     for package in ("common", "deploy", "services"):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "railctl", tmp_path / "railctl", symlinks=True)  # the package, of links to such folders
     settings, rule = re.findall(r"^```python\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE)
     [section] = re.findall(r"^```yaml\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE)
     preset = (tmp_path / "deploy/presets/ddqn.yaml").read_text().replace("rule: dqn\n", "rule: munchausen\n")
