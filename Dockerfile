@@ -12,10 +12,11 @@ COPY adapters adapters
 COPY analysis analysis
 COPY common common
 COPY deploy deploy
+COPY railctl railctl
 COPY services services
 COPY tools tools
 RUN pip install --no-cache-dir --constraint constraints.txt --editable . \
-    && python -m compileall -q adapters analysis common deploy services tools
+    && python -m compileall -q adapters analysis common deploy railctl services tools
 
 # Its user's alone, but for the code: runs, and what is compiled beside what the image has, for other processors.
 ENV NUMBA_CPU_NAME=$CPU NUMBA_CPU_FEATURES="" NUMBA_CACHE_DIR=/var/cache/railctl

@@ -5,9 +5,9 @@ BIN := $(VENV)/bin
 # One thread a process for numerics, and arithmetic that does not depend on memory alignment.
 TEST_ENVIRONMENT := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 MKL_CBWR=AUTO,STRICT
 
-PACKAGES := adapters analysis common deploy services tools
+PACKAGES := adapters analysis common deploy railctl services tools
 # All that runs and evaluations need, so that no first start takes a minute longer than others.
-COMPILERS := common.policy.compile services.learner.compile services.evaluator.references.compile
+COMPILERS := railctl.common.policy.compile railctl.services.learner.compile railctl.services.evaluator.references.compile
 
 .PHONY: install demo check test docs parity browser sb3 slurm soak chaos fuzz results clean
 

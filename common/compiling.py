@@ -32,7 +32,7 @@ class KernelCache(caching.FunctionCache):
         self._compiles: list[ExitStack] = []  # one inside the other if the function calls itself
         folder, base = Path(self.cache_path), self._impl.filename_base
         self._lock_file = folder / f"{base}.lock"
-        source = Path(inspect.getfile(function)).resolve()
+        source = Path(inspect.getfile(function)).absolute()
         stamp = digest(source, memo=folder / f"{source.stem}.sources.json")
         self._cache_file = caching.IndexDataCacheFile(self.cache_path, base, stamp)
 

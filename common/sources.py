@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).absolute().parents[2]
 SETTLED_S = 2.0  # what changed just before may change again within one tick of the file system's clock
 
 Stamp = list[int]

@@ -1,4 +1,4 @@
-"""python -m railctl.deploy.supervise --run FOLDER: does what `deploy.supervisor` decides; answers `status`, `scale`, `stop`.
+"""python -m railctl.deploy.supervise --run FOLDER: does what `deploy.supervisor` decides; answers queries.
 
 Processes outlive their supervisor: a new one adopts those that hold their locks and starts what is missing.
 """

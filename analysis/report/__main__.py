@@ -1,4 +1,4 @@
-"""python -m railctl.analysis.report --study FOLDER | --results FILE | --run FOLDER ...: how it answers: see `common.task`.
+"""python -m railctl.analysis.report --study FOLDER | --results FILE | --run FOLDER ...: answers: see `common.task`.
 
 What is published has the results in a file, from which the rest of the folder can be made anew, and no PNG.
 """

@@ -1,4 +1,4 @@
-"""python -m railctl.analysis.report.markdown FILE: the final scores in a file of results, as the documents have them."""
+"""python -m railctl.analysis.report.markdown FILE: final scores in a file of results, as documents have them."""
 
 import sys
 from collections.abc import Iterator, Sequence

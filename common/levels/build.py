@@ -1,4 +1,4 @@
-"""Filling a level bank, with any number of processes and builders at once; `python -m railctl.common.levels.build` is a worker.
+"""Filling a level bank, with any number of processes at once; `python -m railctl.common.levels.build` is a worker.
 
 A request (a distribution and seeds) is cut into chunks in the same way by everybody. A worker goes through them, skips
 those whose files are there, claims one by a lock that the kernel frees when its holder dies, generates its levels and

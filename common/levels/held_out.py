@@ -6,7 +6,7 @@ own distribution, or of one of the first `HELD_OUT_LEVELS` of those that ship, i
 derived from its own, and so on. It is a pure function of (distribution, seed), wherever levels come from.
 
 The hashes of the rails that ship are a constant of the generator, kept beside this file, because drawing the levels
-takes a minute; `python -m railctl.tools.levels.held_out` draws them again and writes the file. Those of other distributions
+takes a minute; `python -m railctl.tools.levels.held_out` draws them again. Those of other distributions
 are kept in the bank, in the folder of the distribution, once they have been drawn (`common.levels.prepare`).
 """
 

@@ -1,4 +1,4 @@
-"""python -m railctl.services.evaluator.score REQUEST: scores a checkpoint on levels; how it answers: see `common.task`."""
+"""python -m railctl.services.evaluator.score REQUEST: scores a checkpoint on levels; answers: see `common.task`."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""python -m railctl.services.learner.compile: compiles what learners of every rule run, so that no run's first episode has to.
+"""python -m railctl.services.learner.compile: compiles what learners run, so that no first episode has to.
 
 The machine code is kept beside the sources, or in the user's cache where those cannot be written.
 """

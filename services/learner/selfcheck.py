@@ -1,4 +1,4 @@
-"""python -m railctl.services.learner.selfcheck: some updates on made-up episodes; says a digest of the network they end in.
+"""python -m railctl.services.learner.selfcheck: updates on made-up episodes; says a digest of their network.
 
 How it says it: see `common.task`. Run in two fresh processes, the digests agree if this machine's arithmetic repeats.
 Buffers are shifted by a random number of bytes, since alignment is what makes unprepared arithmetic differ.

@@ -1,4 +1,4 @@
-"""`python -m railctl.tools.documents.commands` prints docs/commands.md: all commands, as they say themselves what they do."""
+"""`python -m railctl.tools.documents.commands` prints docs/commands.md: all commands, in their own words."""
 
 from collections.abc import Iterator
 from typing import Any

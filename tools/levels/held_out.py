@@ -1,4 +1,4 @@
-"""`python -m railctl.tools.levels.held_out`: draws the rails that are kept from all training anew, and writes their file."""
+"""`python -m railctl.tools.levels.held_out`: draws the rails kept from all training anew, and writes their file."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""`python -m railctl.tools.levels.tasks REQUEST`: what the command line does with levels, where flatland may be imported.
+"""`python -m railctl.tools.levels.tasks REQUEST`: what is done with levels where flatland may be imported.
 
 The request is a file (see `common.levels.requests`); how the answers go: see `common.task`.
 """

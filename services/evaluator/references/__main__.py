@@ -1,4 +1,4 @@
-"""python -m railctl.services.evaluator.references REQUEST: scores a reference policy on levels; answers as `common.task` says.
+"""python -m railctl.services.evaluator.references REQUEST: scores a reference policy; answers: see `common.task`.
 
 It answers what `services.evaluator.score` answers of a checkpoint, with the policy's name besides.
 """

@@ -1,4 +1,4 @@
-"""python -m railctl.services.evaluator.references.compile: compiles the reference policies, so that no evaluation has to.
+"""python -m railctl.services.evaluator.references.compile: compiles reference policies, so that no evaluation has to.
 
 The machine code is kept beside the sources, or in the user's cache where those cannot be written.
 """

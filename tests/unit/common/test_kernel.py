@@ -29,11 +29,12 @@ def run_in(root: Path) -> list[str]:
 
 
 def test_code_follows_a_function_of_another_file(tmp_path: Path):
-    tiny = tmp_path / "common" / "tiny"
+    tiny = tmp_path / "railctl" / "common" / "tiny"
     tiny.mkdir(parents=True)
     for module in (kernel_module, compiling, compile_signs, sources):
-        shutil.copy(module.__file__, tmp_path / "common")
-    (tmp_path / "common" / "__init__.py").touch()
+        shutil.copy(module.__file__, tiny.parent)
+    for package in (tiny.parent, tiny.parents[1]):
+        (package / "__init__.py").touch()
     other = tmp_path / "other"
     other.mkdir()
     (tiny / "one.py").write_text(ONE)

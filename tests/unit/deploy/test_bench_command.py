@@ -74,7 +74,7 @@ def test_a_bench_that_is_killed_is_said_in_one_line(monkeypatch, tmp_path: Path)
 
 def test_ctrl_c_ends_both_quietly(tmp_path: Path):
     (tmp_path / "waiting.py").write_text(WAITING)
-    path = os.pathsep.join([str(tmp_path), str(Path(bench.__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
+    path = os.pathsep.join([str(tmp_path), str(Path(bench.__file__).parents[3]), os.environ.get("PYTHONPATH", "")])
     with subprocess.Popen(
         [*PYTHON, "-c", CALLER],
         stdout=subprocess.PIPE,

@@ -14,7 +14,7 @@ ACTING = """
 from railctl.common.levels.supply import LevelSupply
 from railctl.common.policy.leased import LeasePlayer
 from railctl.common.policy.player import chooser_of
-import railctl.services.actor.service, services.evaluator.service
+import railctl.services.actor.service, railctl.services.evaluator.service
 LeasePlayer(config, LevelSupply(config.world.levels), chooser_of(config)).get_ready("easy")
 """
 LEARNING = """
@@ -40,7 +40,10 @@ def imported(code, names):
     ("code", "names"),
     [
         ("import railctl.services.router.__main__", (*ELSEWHERE, "torch", "numba", "scipy")),
-        ("import railctl.services.actor.service, services.evaluator.service", (*ELSEWHERE, "torch", "numba", "scipy")),
+        (
+            "import railctl.services.actor.service, railctl.services.evaluator.service",
+            (*ELSEWHERE, "torch", "numba", "scipy"),
+        ),
         *((RESOLVED[name] + ACTING, (*ELSEWHERE, "torch")) for name in RESOLVED),
         *((RESOLVED[name] + LEARNING, (*ELSEWHERE, "torch")) for name in RESOLVED),
     ],

@@ -54,6 +54,7 @@ def follow(section: str, root: Path) -> list[str]:
 @pytest.fixture
 def copy(tmp_path: Path) -> Path:
     shutil.copytree(ROOT / "common", tmp_path / "common", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "railctl", tmp_path / "railctl", symlinks=True)  # the package, of links to such folders
     return tmp_path
 
 

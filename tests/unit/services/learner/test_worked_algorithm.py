@@ -49,6 +49,7 @@ assert any((before[name] != array).any() for name, array in trainer.weights().it
 def test_the_example_works(tmp_path):
     for package in ("common", "deploy", "services"):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "railctl", tmp_path / "railctl", symlinks=True)  # the package, of links to such folders
     settings, rule = re.findall(r"^```python\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE)
     [section] = re.findall(r"^```yaml\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE)
     preset = (tmp_path / "deploy/presets/ddqn.yaml").read_text().replace("rule: dqn\n", "rule: munchausen\n")
