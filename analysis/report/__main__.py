@@ -33,8 +33,9 @@ def report(options: argparse.Namespace) -> None:
     with rc_context(SETTINGS):
         computing, drawing = Teller("computing"), Teller("drawing")
         sections, judged = contents(results, lambda done: computing.tell(done, STAGES))
-        path = write(folder, results, sections, judged, drawing.tell)
-        if not (options.results or options.publish):
+        is_published = bool(options.results or options.publish)
+        path = write(folder, results, sections, judged, drawing.tell, is_published=is_published)
+        if not is_published:
             write_png(folder, sections, Teller("drawing as PNG").tell)
     parts = Counter(type(part).__name__ for section in sections for part in section.parts)
     states = Counter(trained.state for trained in results.runs.values())

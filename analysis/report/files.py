@@ -14,14 +14,19 @@ from railctl.analysis.report.tables import Table
 from railctl.common.folder import write_atomically
 
 
-def write(
+def write(  # noqa: PLR0913  (all that is written, and how)
     folder: Path,
     results: Results,
     sections: Sequence[Section],
     judged: dict[str, Any] | None,
     tell: Callable[[int, int], None],
+    *,
+    is_published: bool = False,
 ) -> Path:
-    """Write every figure as SVG, every table as CSV, all numbers as `report.json`, and the page."""
+    """Write every figure as SVG, every table as CSV, all numbers as `report.json`, and the page.
+
+    The page holds its figures, unless it is published: then it shows the files, so that none is kept twice.
+    """
     figures = _figures(sections)
     tables = [part for section in sections for part in section.parts if isinstance(part, Table)]
     images = {}
@@ -32,10 +37,10 @@ def write(
     tell(len(figures), len(figures))
     for table in tables:
         (folder / f"{table.name}.csv").write_text(table.csv())
-    text = json.dumps(numbers(results, figures, tables, judged), indent=1, allow_nan=False)
+    text = json.dumps(numbers(results, figures, tables, judged), allow_nan=False)
     write_atomically(folder / "report.json", text + "\n")
     path = folder / "report.html"
-    write_atomically(path, page(results.title, sections, images))
+    write_atomically(path, page(results.title, sections, None if is_published else images))
     return path
 
 

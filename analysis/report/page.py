@@ -1,4 +1,4 @@
-"""The page: one HTML file that needs nothing else. Elements are built, never pasted, so that every name is escaped."""
+"""The page: one HTML file that needs nothing else, or only its figures. Elements are built: every name is escaped."""
 
 import base64
 import re
@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 from railctl.analysis.report.parts import Figure, Listing, Part, Section
 from railctl.analysis.report.tables import Table
 
-POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"  # browsers hold the page to it
+POLICY = "default-src 'none'; img-src data: 'self' file:; style-src 'unsafe-inline'"  # browsers hold the page to it
 STYLE = """
 :root { color-scheme: light dark; --ink: #1c1c1c; --paper: #ffffff; --faint: #666; --line: #d5d5d5; --link: #0058a3; }
 @media (prefers-color-scheme: dark) {
@@ -41,8 +41,8 @@ summary { cursor: pointer; font-weight: 600; }
 """.strip()
 
 
-def page(title: str, sections: Sequence[Section], images: Mapping[str, bytes]) -> str:
-    """The whole document; `images` are the figures' SVG by name."""
+def page(title: str, sections: Sequence[Section], images: Mapping[str, bytes] | None) -> str:
+    """The whole document; `images` are the figures' SVG by name, or None: the page shows the files beside it."""
     body = _tag("body", _tag("h1", f"Report on {title}"), _contents(sections))
     for section in sections:
         body.append(_tag("h2", section.title, id=_anchor(section.title)))
@@ -85,21 +85,23 @@ def _contents(sections: Sequence[Section]) -> ET.Element:
     return _tag("nav", _tag("ul", *entries))
 
 
-def _part(part: Part, images: Mapping[str, bytes]) -> ET.Element:
+def _part(part: Part, images: Mapping[str, bytes] | None) -> ET.Element:
     match part:
         case str():
             return _tag("p", part)
         case Listing(lines):
             return _tag("ul", *(_tag("li", line) for line in lines))
         case Figure():
-            return _figure(part, images[part.name])
+            return _figure(part, None if images is None else images[part.name])
         case Table():
             return _table(part)
 
 
-def _figure(figure: Figure, image: bytes) -> ET.Element:
-    source = f"data:image/svg+xml;base64,{base64.b64encode(image).decode()}"
-    files = _files(*(f"{figure.name}.{kind}" for kind in ("png", "svg")))
+def _figure(figure: Figure, image: bytes | None) -> ET.Element:
+    source, kinds = f"{figure.name}.svg", ["svg"]
+    if image is not None:
+        source, kinds = f"data:image/svg+xml;base64,{base64.b64encode(image).decode()}", ["png", "svg"]
+    files = _files(*(f"{figure.name}.{kind}" for kind in kinds))
     return _tag(
         "figure",
         _tag("h3", figure.title),

@@ -19,6 +19,7 @@ from railctl.analysis.report.sections.training import OPTIMAL
 from railctl.analysis.report.tables import NOTHING, Cell, Column, Interval, Table
 
 TITLE = "Beyond the study"
+MOST_SIDE_BY_SIDE = 12  # contenders, of which each stands beside each other: more cannot be read
 TAUS = np.linspace(-1, 0, 101)
 CHANGED = {True: "yes", False: "no", None: NOTHING}
 Scores = Mapping[str, NDArray[np.float64]]
@@ -79,7 +80,7 @@ def _aggregates(scores: Scores, styles: Mapping[str, Look], over: Rectangle) -> 
 
 
 def _improvement(scores: Scores) -> Iterator[Figure]:
-    if len(scores) < 2:
+    if not 2 <= len(scores) <= MOST_SIDE_BY_SIDE:
         return
     found, names = statistics.probability_of_improvement(scores), list(scores)
     values = np.array([[found[x, y].value if x != y else np.nan for y in names] for x in names])
@@ -143,6 +144,9 @@ def _numbers(lines: Mapping[str, Mapping[str, Line]]) -> dict[str, Any]:
 
 
 def _ranks(scores: Scores) -> Iterator[Part]:
+    if len(scores) > MOST_SIDE_BY_SIDE:
+        yield f"Figures that set each of more than {MOST_SIDE_BY_SIDE} contenders beside each other are left out."
+        return
     found, names = statistics.rank_distribution(scores), list(scores)
     values = np.array([found[name] for name in names])
     if len(names) < 2 or np.isnan(values).any():

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from railctl.analysis.report.loading import load_results
-from railctl.analysis.report.markdown import final_scores
+from railctl.analysis.report.markdown import effects, final_scores
 from railctl.analysis.report.sections.final import final
 from railctl.analysis.report.sections.settings import settings
 from railctl.analysis.report.sections.summary import summary
@@ -29,6 +29,12 @@ def test_tables_are_those_of_the_results(path):
 @pytest.mark.parametrize("path", RESULTS, ids=lambda path: path.parent.name)
 def test_the_page_has_the_final_scores(path):
     assert final_scores(load_results(path)) in (ROOT / "docs" / "results.md").read_text()
+
+
+def test_the_page_has_the_effect_of_each_reading():
+    found = effects(load_results(ROOT / "results" / "thesis-ablation" / "results.json.xz"))
+    assert found.count("\n") == 23
+    assert found in (ROOT / "docs" / "results.md").read_text()
 
 
 def test_results_are_small():

@@ -1,11 +1,14 @@
 """Cells as they are read, and as they are kept."""
 
 import doctest
+from dataclasses import replace
 
 import numpy as np
 
 from railctl.analysis.report import tables
 from railctl.analysis.report.figures import style
+from railctl.analysis.report.loading import load_study
+from railctl.analysis.report.markdown import effects
 from railctl.analysis.report.sections import reliability
 from railctl.analysis.report.tables import Beside, Column, Interval, Spread, Table
 
@@ -51,3 +54,14 @@ def test_csv_has_a_column_for_each_number_of_any_row():
 def test_examples_in_docstrings_are_true():
     tried = [doctest.testmod(module) for module in (tables, style, reliability)]
     assert [(each.failed, each.attempted) for each in tried] == [(0, 1)] * 3
+
+
+def test_effects_compare_each_change_with_its_plain_algorithm_seed_by_seed(made):
+    results = load_study(made)
+    scores = results.scores(results.rectangle(lambda trained: trained.scored is not None))
+    difference = (scores["dddqn-per"] - scores["dddqn"]).mean()
+    [heading, _, row] = effects(results).split("\n")
+    assert heading == "|  | easy | hard | all | p |"
+    assert row.startswith("| `dddqn-per` | ")  # ppo has no change beside it
+    assert row.split(" | ")[3].startswith(f"{difference:+.3f} [")
+    assert effects(replace(results, contenders=("ppo",))) == ""
