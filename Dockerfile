@@ -23,9 +23,9 @@ ENV RAILCTL_RUNS=/runs MPLCONFIGDIR=/tmp/matplotlib PYTHONUNBUFFERED=1
 RUN useradd --uid 10001 --create-home railctl \
     && install --directory --owner railctl --group railctl /runs /var/cache/railctl
 USER railctl
-RUN python -m common.policy.compile > /dev/null \
-    && python -m services.learner.compile > /dev/null \
-    && python -m services.evaluator.references.compile > /dev/null
+RUN python -m railctl.common.policy.compile > /dev/null \
+    && python -m railctl.services.learner.compile > /dev/null \
+    && python -m railctl.services.evaluator.references.compile > /dev/null
 
 VOLUME /runs
 ENTRYPOINT ["railctl"]

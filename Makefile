@@ -66,7 +66,7 @@ fuzz: install
 # Makes tables, figures and pages anew from the results that are kept with the project.
 results: install
 	for file in results/*/results.json.xz; do \
-		$(BIN)/python -m analysis.report --results $$file --output $$(dirname $$file) > /dev/null || exit 1; \
+		$(BIN)/python -m railctl.analysis.report --results $$file --output $$(dirname $$file) > /dev/null || exit 1; \
 	done
 
 clean:

@@ -29,16 +29,16 @@ from flatland.core.policy import Policy
 from flatland.envs.rail_env import RailEnv
 from flatland.envs.rail_env_action import RailEnvActions
 
-from adapters.flatland_views import TrainView, WorldObservation
-from common.checkpoint import CheckpointError
-from common.config import RunConfig
-from common.levels.distributions import Rules
-from common.policy.checkpoints import SavedPolicy, load_policy
-from common.rail.flatland_env import ACTIONS, LegacyDriver, StudyRewards
-from common.rail.interlocking.signals import ALL_ACTIONS
-from common.rail.play import Choose, Decision
-from common.rail.world import DO_NOTHING, MOVE_FORWARD
-from common.world import study_world
+from railctl.adapters.flatland_views import TrainView, WorldObservation
+from railctl.common.checkpoint import CheckpointError
+from railctl.common.config import RunConfig
+from railctl.common.levels.distributions import Rules
+from railctl.common.policy.checkpoints import SavedPolicy, load_policy
+from railctl.common.rail.flatland_env import ACTIONS, LegacyDriver, StudyRewards
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS
+from railctl.common.rail.play import Choose, Decision
+from railctl.common.rail.world import DO_NOTHING, MOVE_FORWARD
+from railctl.common.world import study_world
 
 __all__ = ["CheckpointObservation", "CheckpointPolicy", "StudyObservation", "StudyRewards", "TrainView"]
 
@@ -85,7 +85,9 @@ class CheckpointPolicy(Policy[RailEnv, TrainView, RailEnvActions]):
             click.ClickException: the observations are of another builder, or of another world.
         """
         if not all(isinstance(view, TrainView) for view in observations):
-            raise click.ClickException("this policy needs --obs-builder adapters.flatland_tools.CheckpointObservation")
+            raise click.ClickException(
+                "this policy needs --obs-builder railctl.adapters.flatland_tools.CheckpointObservation"
+            )
         for view in observations:
             if len(view.vector) != self._n_features:
                 raise click.ClickException(

@@ -13,17 +13,17 @@ from flatland.envs.rail_env import RailEnv
 from flatland.envs.step_utils.states import TrainState
 from numpy.typing import NDArray
 
-from common.levels.distributions import Rules
-from common.levels.level import Level
-from common.rail.compiled.world import STUDY_REWARD
-from common.rail.decisions import decision_cells
-from common.rail.flatland_env import has_way
-from common.rail.flatland_sights import FlatlandSight, sight_of
-from common.rail.flatland_world import decides
-from common.rail.from_flatland import UnsupportedEnvironmentError, level_of, schedule_of
-from common.rail.mirror import Mirror
-from common.rail.world import N_ACTIONS
-from common.world import WorldSpec
+from railctl.common.levels.distributions import Rules
+from railctl.common.levels.level import Level
+from railctl.common.rail.compiled.world import STUDY_REWARD
+from railctl.common.rail.decisions import decision_cells
+from railctl.common.rail.flatland_env import has_way
+from railctl.common.rail.flatland_sights import FlatlandSight, sight_of
+from railctl.common.rail.flatland_world import decides
+from railctl.common.rail.from_flatland import UnsupportedEnvironmentError, level_of, schedule_of
+from railctl.common.rail.mirror import Mirror
+from railctl.common.rail.world import N_ACTIONS
+from railctl.common.world import WorldSpec
 
 Place = tuple[int, int, int]  # row, column, heading
 

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.rail.interlocking.asking import STOP
-from common.rail.interlocking.signals import ALL_ACTIONS
-from common.rail.world import MOVE_FORWARD, N_ACTIONS, STOP_MOVING, World
+from railctl.common.rail.interlocking.asking import STOP
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS
+from railctl.common.rail.world import MOVE_FORWARD, N_ACTIONS, STOP_MOVING, World
 
 
 def _mask(bits: int) -> NDArray[np.int8]:

@@ -27,19 +27,19 @@ from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from adapters.granting import FORWARD_ONLY, MASKS, grant_all
-from adapters.settings import setting_of
-from common.levels.distributions import Rules
-from common.levels.level import Level
-from common.levels.supply import LevelSupply
-from common.policy.player import compiled_world
-from common.rail.compiled.world import CompiledWorld
-from common.rail.observations.table import look
-from common.rail.world import MOVE_FORWARD, N_ACTIONS
-from common.records.course import NONE, normalised_return
-from common.seeding import training_distribution, training_level_seed, training_malfunction_seed
-from common.strict import ConfigError, nearest, shortened
-from common.world import Decisions, WorldSpec
+from railctl.adapters.granting import FORWARD_ONLY, MASKS, grant_all
+from railctl.adapters.settings import setting_of
+from railctl.common.levels.distributions import Rules
+from railctl.common.levels.level import Level
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.player import compiled_world
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.observations.table import look
+from railctl.common.rail.world import MOVE_FORWARD, N_ACTIONS
+from railctl.common.records.course import NONE, normalised_return
+from railctl.common.seeding import training_distribution, training_level_seed, training_malfunction_seed
+from railctl.common.strict import ConfigError, nearest, shortened
+from railctl.common.world import Decisions, WorldSpec
 
 Observation = NDArray[np.float32]
 Infos = dict[str, dict[str, Any]]
@@ -291,7 +291,7 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
             self._window.show(self._picture())
 
     def _picture(self) -> NDArray[np.uint8]:
-        from adapters.pictures import Canvas, trains_of  # noqa: PLC0415  (who trains draws nothing)
+        from railctl.adapters.pictures import Canvas, trains_of  # noqa: PLC0415  (who trains draws nothing)
 
         if self.level is None or self._played is None:
             raise ResetNeeded("there is no episode to render: call reset first")
@@ -323,6 +323,6 @@ def _render_mode(mode: str | None) -> str | None:
 
 
 def _window(metadata: Mapping[str, Any]) -> Any:
-    from adapters.windows import Window  # noqa: PLC0415  (matplotlib takes a second)
+    from railctl.adapters.windows import Window  # noqa: PLC0415  (matplotlib takes a second)
 
     return Window("railctl", metadata["render_fps"])

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from common.levels.level import Level
-from common.rail.compiled.arrays import DONE, NOWHERE
-from common.rail.compiled.world import CompiledWorld
-from common.rail.tracks import BED, COLOURS, GRID_LINE, GROUND, STEEL, Line, arrowhead, tracks
+from railctl.common.levels.level import Level
+from railctl.common.rail.compiled.arrays import DONE, NOWHERE
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.tracks import BED, COLOURS, GRID_LINE, GROUND, STEEL, Line, arrowhead, tracks
 
 LARGEST_CELL, SMALLEST_CELL, MOST_PIXELS = 28, 6, 1400  # of a cell's side, and of a picture's where cells allow it
 FINER = 2  # drawn so many times as large, then averaged: edges become smooth

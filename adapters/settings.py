@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from common.config import upgraded
-from common.levels.distributions import shipped
-from common.levels.own import with_files_read
-from common.mapping_file import read_mapping
-from common.strict import ConfigError, nearest, shortened
-from common.world import WorldSpec, chosen_levels, read_world
+from railctl.common.config import upgraded
+from railctl.common.levels.distributions import shipped
+from railctl.common.levels.own import with_files_read
+from railctl.common.mapping_file import read_mapping
+from railctl.common.strict import ConfigError, nearest, shortened
+from railctl.common.world import WorldSpec, chosen_levels, read_world
 
 KEYS = ("observation", "decisions", "reward", "interlocking", "patience")  # of a run file, beside its levels
 

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.random import Generator, Philox
 from numpy.typing import NDArray
 
-from analysis.statistics import RESAMPLES, SHARE
-from common.seeding import stream_key
+from railctl.analysis.statistics import RESAMPLES, SHARE
+from railctl.common.seeding import stream_key
 
 Floats = NDArray[np.float64]
 Scores = Mapping[str, Floats]

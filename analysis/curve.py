@@ -1,4 +1,4 @@
-"""python -m analysis.curve --run FOLDER: draws the learning curve of a run as `curve.png` in its folder.
+"""python -m railctl.analysis.curve --run FOLDER: draws the learning curve of a run as `curve.png` in its folder.
 
 It draws when its input ends, so that it can be started before there is everything to draw.
 """
@@ -12,10 +12,10 @@ import numpy as np
 from matplotlib import pyplot as plt
 from numpy.typing import NDArray
 
-from common.folder import RunFolder
-from common.process import run_service
-from common.records.rows import EpisodeRow, EvaluationRow
-from common.rows import read_rows
+from railctl.common.folder import RunFolder
+from railctl.common.process import run_service
+from railctl.common.records.rows import EpisodeRow, EvaluationRow
+from railctl.common.rows import read_rows
 
 WINDOW = 100
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9")  # Okabe & Ito: told apart by everybody

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.random import Generator, Philox
 from numpy.typing import NDArray
 
-from common.seeding import stream_key
+from railctl.common.seeding import stream_key
 
 RESAMPLES = 1000  # as many as the study's own intervals
 SHARE = 0.95

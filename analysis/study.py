@@ -20,10 +20,10 @@ from typing import Annotated, Any, NamedTuple, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from common.levels.distributions import LevelName
-from common.mapping_file import read_mapping
-from common.requests import Reference
-from common.strict import ConfigError, Strict, describe
+from railctl.common.levels.distributions import LevelName
+from railctl.common.mapping_file import read_mapping
+from railctl.common.requests import Reference
+from railctl.common.strict import ConfigError, Strict, describe
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]{0,39}$")]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]

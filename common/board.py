@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.bounded import parse_json
-from common.kernel import bare_kernel
-from common.policy.flat import Arrays, Flat, Order, Place
+from railctl.common.bounded import parse_json
+from railctl.common.kernel import bare_kernel
+from railctl.common.policy.flat import Arrays, Flat, Order, Place
 
 HEADER_BYTES = 8  # a number: the bytes of the JSON that follows it
 ALIGNED = 4096

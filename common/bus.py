@@ -21,13 +21,13 @@ from typing import Any, Generic, TypeVar
 
 import zenoh
 
-from common import sessions
-from common.inbox import Inbox
-from common.records.base import Record
-from common.sessions import Door
-from common.tls import Credentials
-from common.wire.codec import Refused, decode, encode, encoding_of
-from common.wire.keys import Alive, Service, Topic, absolute
+from railctl.common import sessions
+from railctl.common.inbox import Inbox
+from railctl.common.records.base import Record
+from railctl.common.sessions import Door
+from railctl.common.tls import Credentials
+from railctl.common.wire.codec import Refused, decode, encode, encoding_of
+from railctl.common.wire.keys import Alive, Service, Topic, absolute
 
 A = TypeVar("A", bound=Record)
 B = TypeVar("B", bound=Record)

@@ -20,7 +20,7 @@ import safetensors.numpy
 from numpy.typing import NDArray
 from safetensors import SafetensorError
 
-from common.bounded import open_at_once, read_bounded
+from railctl.common.bounded import open_at_once, read_bounded
 
 FORMAT = "1"  # 1: the first
 Kind = Literal["checkpoint", "snapshot"]  # weights to act with; everything that a learner goes on from

@@ -15,8 +15,8 @@ from typing import IO, Any
 import numba
 from numba.core import caching, event, types
 
-from common.compile_signs import compiling
-from common.sources import digest
+from railctl.common.compile_signs import compiling
+from railctl.common.sources import digest
 
 
 class KernelCache(caching.FunctionCache):

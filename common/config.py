@@ -18,13 +18,13 @@ from pydantic import (
     model_validator,
 )
 
-from common.bounded import parse_json
-from common.levels.distributions import ANY, LevelName
-from common.rules import rules, settings_of
-from common.rules.settings import Mode, RuleSettings
-from common.strict import ConfigError, Positive, Share, Strict, brief, describe, nearest, section_of, shortened
-from common.tls import host_and_port
-from common.world import WorldSpec, chosen_levels
+from railctl.common.bounded import parse_json
+from railctl.common.levels.distributions import ANY, LevelName
+from railctl.common.rules import rules, settings_of
+from railctl.common.rules.settings import Mode, RuleSettings
+from railctl.common.strict import ConfigError, Positive, Share, Strict, brief, describe, nearest, section_of, shortened
+from railctl.common.tls import host_and_port
+from railctl.common.world import WorldSpec, chosen_levels
 
 MAX_ACTORS = 256  # of one level
 MAX_LAG = 1024

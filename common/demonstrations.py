@@ -14,12 +14,12 @@ from typing import BinaryIO, Final, Literal
 
 from pydantic import Field, ValidationError
 
-from common.bounded import parse_json
-from common.records.base import Digest, Text
-from common.records.course import Course
-from common.strict import Strict, describe
-from common.wire.codec import MAX_MESSAGE_BYTES, SCHEMA_VERSION, Refused, decode, encode, encoding_of
-from common.world import WorldSpec
+from railctl.common.bounded import parse_json
+from railctl.common.records.base import Digest, Text
+from railctl.common.records.course import Course
+from railctl.common.strict import Strict, describe
+from railctl.common.wire.codec import MAX_MESSAGE_BYTES, SCHEMA_VERSION, Refused, decode, encode, encoding_of
+from railctl.common.world import WorldSpec
 
 FORMAT: Final = "railctl demonstrations"
 MOST_LINE_BYTES = 65_536

@@ -7,15 +7,15 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from common.bounded import read_json
-from common.bus import NoAnswer
-from common.config import MAX_ACTORS, RunConfig, parse_config
-from common.levels.distributions import LevelName
-from common.mapping_file import read_mapping
-from common.rules.settings import DEMONSTRATIONS_FILE, START_FILE
-from common.sessions import Door
-from common.strict import ConfigError, Strict
-from common.tls import Credentials
+from railctl.common.bounded import read_json
+from railctl.common.bus import NoAnswer
+from railctl.common.config import MAX_ACTORS, RunConfig, parse_config
+from railctl.common.levels.distributions import LevelName
+from railctl.common.mapping_file import read_mapping
+from railctl.common.rules.settings import DEMONSTRATIONS_FILE, START_FILE
+from railctl.common.sessions import Door
+from railctl.common.strict import ConfigError, Strict
+from railctl.common.tls import Credentials
 
 Word = Annotated[str, Field(pattern=r"^\S+$", max_length=200)]
 

@@ -12,12 +12,12 @@ PYTHON = (sys.executable, "-P")
 def run_module(name: str, *arguments: str) -> list[str]:
     """The command that runs a module.
 
-    >>> run_module("services.router", "--run", "runs/demo")[1:]
-    ['-P', '-m', 'services.router', '--run', 'runs/demo']
+    >>> run_module("railctl.services.router", "--run", "runs/demo")[1:]
+    ['-P', '-m', 'railctl.services.router', '--run', 'runs/demo']
     """
     return [*PYTHON, "-m", name, *arguments]
 
 
 def run_worker(name: str, *arguments: str) -> list[str]:
     """The command that runs a module for this process: it ends when this one does, however that ends."""
-    return run_module("common.worker", str(os.getpid()), name, *arguments)
+    return run_module("railctl.common.worker", str(os.getpid()), name, *arguments)

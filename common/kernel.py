@@ -21,7 +21,7 @@ class Kernel:
     @cached_property
     def compiled(self) -> Any:
         """What numba makes of it."""
-        from common.compiling import compiled  # noqa: PLC0415  (see the module)
+        from railctl.common.compiling import compiled  # noqa: PLC0415  (see the module)
 
         return compiled(self.py_func, counts_references=self._counts_references)
 

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-from common.bounded import read_bounded
-from common.plain_yaml import NotPlainYamlError, parse_yaml
-from common.strict import ConfigError, brief
+from railctl.common.bounded import read_bounded
+from railctl.common.plain_yaml import NotPlainYamlError, parse_yaml
+from railctl.common.strict import ConfigError, brief
 
 MOST_BYTES = 256_000
 

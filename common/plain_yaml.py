@@ -13,7 +13,7 @@ from yaml.constructor import ConstructorError
 from yaml.error import MarkedYAMLError
 from yaml.nodes import CollectionNode, MappingNode, Node, ScalarNode
 
-from common.strict import shortened
+from railctl.common.strict import shortened
 
 DEEPEST = 32  # lists and mappings within each other
 MOST_VALUES = 100_000  # of a text, its aliases written out

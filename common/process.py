@@ -13,18 +13,18 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
-from common.bus import Bus, open_bus
-from common.compile_signs import COMPILING, around_compiling
-from common.config import RunConfig
-from common.folder import RunFolder
-from common.inbox import Inbox
-from common.locks import RunsAlreadyError, sole
-from common.parent import end_with_parent
-from common.private import OTHERS
-from common.records.base import Role
-from common.records.heartbeats import Heartbeat, Report
-from common.strict import ConfigError
-from common.wire.keys import FAR_HEARTBEATS, HEARTBEATS, Alive, Topic
+from railctl.common.bus import Bus, open_bus
+from railctl.common.compile_signs import COMPILING, around_compiling
+from railctl.common.config import RunConfig
+from railctl.common.folder import RunFolder
+from railctl.common.inbox import Inbox
+from railctl.common.locks import RunsAlreadyError, sole
+from railctl.common.parent import end_with_parent
+from railctl.common.private import OTHERS
+from railctl.common.records.base import Role
+from railctl.common.records.heartbeats import Heartbeat, Report
+from railctl.common.strict import ConfigError
+from railctl.common.wire.keys import FAR_HEARTBEATS, HEARTBEATS, Alive, Topic
 
 log = logging.getLogger(__name__)
 

@@ -6,9 +6,9 @@ from typing import Any, Literal, TypeVar
 
 from pydantic import Field, ValidationError
 
-from common.levels.distributions import AnyLevels, LevelName
-from common.rules.settings import Mode
-from common.strict import ConfigError, Strict, describe
+from railctl.common.levels.distributions import AnyLevels, LevelName
+from railctl.common.rules.settings import Mode
+from railctl.common.strict import ConfigError, Strict, describe
 
 Reference = Literal[
     "random",

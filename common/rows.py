@@ -8,8 +8,8 @@ from itertools import islice
 from pathlib import Path
 from typing import IO, Generic, TypeVar
 
-from common.bounded import open_at_once, parse_json
-from common.records.base import Record
+from railctl.common.bounded import open_at_once, parse_json
+from railctl.common.records.base import Record
 
 R = TypeVar("R", bound=Record)
 

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from common.tls import Credentials, FarRole, common_name
-from common.wire.keys import ALL_ALIVE, ROOT, absolute
-from common.wire.rights import BEHIND_A_RELAY, RIGHTS, Rights
+from railctl.common.tls import Credentials, FarRole, common_name
+from railctl.common.wire.keys import ALL_ALIVE, ROOT, absolute
+from railctl.common.wire.rights import BEHIND_A_RELAY, RIGHTS, Rights
 
 LEASE_MS = 2000  # a silent peer's tokens vanish after this
 NO_TIMEOUT_MS = -1

@@ -5,12 +5,12 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from common import checkpoint
-from common.checkpoint import CheckpointError, Metadata, Tensors
-from common.config import RunConfig, config_of_science
-from common.folder import RunFolder
-from common.records.rows import EpisodeRow
-from common.strict import ConfigError
+from railctl.common import checkpoint
+from railctl.common.checkpoint import CheckpointError, Metadata, Tensors
+from railctl.common.config import RunConfig, config_of_science
+from railctl.common.folder import RunFolder
+from railctl.common.records.rows import EpisodeRow
+from railctl.common.strict import ConfigError
 
 
 class Snapshot(NamedTuple):

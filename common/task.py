@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
-from common.compile_signs import COMPILING, around_compiling
-from common.strict import ConfigError, brief
+from railctl.common.compile_signs import COMPILING, around_compiling
+from railctl.common.strict import ConfigError, brief
 
 FAILED, WRONG_USAGE = 1, 2
 TELL_EVERY_S = 0.1

@@ -1,4 +1,4 @@
-"""python -m common.worker PID MODULE ARGUMENTS: a module that ends, whatever it does, when its parent, PID, does.
+"""python -m railctl.common.worker PID MODULE ARGUMENTS: a module that ends, whatever it does, when its parent, PID, does.
 
 The kernel sees to it: what computes for hours in compiled code hears of no signal that Python would handle, of no pipe
 and of no thread. It kills when the thread ends that started this process, so that shall be the parent's main thread.
@@ -7,7 +7,7 @@ and of no thread. It kills when the thread ends that started this process, so th
 import runpy
 import sys
 
-from common.parent import end_with
+from railctl.common.parent import end_with
 
 
 def main() -> None:

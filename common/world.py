@@ -9,14 +9,14 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from common.levels.distributions import ANY, AnyLevels, Bounds, LevelName, shipped
-from common.levels.own import with_files_read
-from common.rail.interlocking.signals import Interlocking
-from common.rail.observations.table import AnyObservation
-from common.rail.observations.tree import TreeObservation
-from common.rail.rewards.study import StudyReward
-from common.rail.rewards.table import AnyReward
-from common.strict import ConfigError, Strict, describe, nearest, shortened
+from railctl.common.levels.distributions import ANY, AnyLevels, Bounds, LevelName, shipped
+from railctl.common.levels.own import with_files_read
+from railctl.common.rail.interlocking.signals import Interlocking
+from railctl.common.rail.observations.table import AnyObservation
+from railctl.common.rail.observations.tree import TreeObservation
+from railctl.common.rail.rewards.study import StudyReward
+from railctl.common.rail.rewards.table import AnyReward
+from railctl.common.strict import ConfigError, Strict, describe, nearest, shortened
 
 Decisions = Literal["cells", "legacy", "always"]  # see `common.rail.compiled.decisions`
 

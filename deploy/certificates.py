@@ -25,10 +25,10 @@ from cryptography.hazmat.primitives.serialization import (
 )
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from common.private import FOLDER_MODE, private_files
-from common.strict import ConfigError
-from common.tls import AUTHORITY, Credentials, FarRole, common_name
-from deploy.runs import Failed
+from railctl.common.private import FOLDER_MODE, private_files
+from railctl.common.strict import ConfigError
+from railctl.common.tls import AUTHORITY, Credentials, FarRole, common_name
+from railctl.deploy.runs import Failed
 
 LIFETIME = timedelta(days=3 * 365)
 SLACK = timedelta(days=1)  # of the clocks of other machines

@@ -5,84 +5,86 @@ from typing import Annotated
 
 import typer
 
-from deploy.verbs import Verb, group
+from railctl.deploy.verbs import Verb, group
 
 app = group(
     "Train train dispatchers: an exact, distributed actor-learner system for Flatland.",
     {
         "up": Verb(
-            "deploy.commands.up:up",
+            "railctl.deploy.commands.up:up",
             "Start a run or go on with one: router, learner, actors, evaluator and their supervisor.",
         ),
         "list": Verb(
-            "deploy.commands.list:list_",
+            "railctl.deploy.commands.list:list_",
             "List all runs, the newest last: state, algorithm, levels, progress, return of the last 100 episodes.",
         ),
         "status": Verb(
-            "deploy.commands.status:status",
+            "railctl.deploy.commands.status:status",
             "Show a run's progress, its processes (role, level, pid, state, restarts, last heartbeat) and last events.",
         ),
         "tail": Verb(
-            "deploy.commands.tail:tail",
+            "railctl.deploy.commands.tail:tail",
             "Follow a run's episodes and evaluations, with full history, until it ends.",
         ),
         "logs": Verb(
-            "deploy.commands.logs:logs",
+            "railctl.deploy.commands.logs:logs",
             "Print the last lines of the logs of a run's processes, the supervisor's included.",
         ),
         "scale": Verb(
-            "deploy.commands.scale:scale",
+            "railctl.deploy.commands.scale:scale",
             "Change how many actors serve each level; those not named stay as they are.",
         ),
         "pause": Verb(
-            "deploy.commands.pause:pause",
+            "railctl.deploy.commands.pause:pause",
             "Hold a run: what is being acted is finished, nothing new begins. It stays paused until railctl resume.",
         ),
-        "resume": Verb("deploy.commands.resume:resume", "Go on with a paused run."),
+        "resume": Verb("railctl.deploy.commands.resume:resume", "Go on with a paused run."),
         "checkpoint": Verb(
-            "deploy.commands.checkpoint:checkpoint",
+            "railctl.deploy.commands.checkpoint:checkpoint",
             "Write a checkpoint and a snapshot now; the checkpoint is evaluated like any other.",
         ),
         "join": Verb(
-            "deploy.commands.join:join_run",
+            "railctl.deploy.commands.join:join_run",
             "Act for a run on another machine, until it is trained or Ctrl-C; no folder of the run is needed here.",
         ),
         "relay": Verb(
-            "deploy.commands.relay:relay",
+            "railctl.deploy.commands.relay:relay",
             "Link machines that join here to a run's host, by one link, until Ctrl-C.",
         ),
         "place": Verb(
-            "deploy.commands.place:place",
+            "railctl.deploy.commands.place:place",
             "Print what has Slurm or Kubernetes start a run on several nodes; it starts nothing itself.",
         ),
         "down": Verb(
-            "deploy.commands.down:down",
+            "railctl.deploy.commands.down:down",
             "Stop every process of a run; the learner writes a snapshot first, so that nothing is lost.",
         ),
         "evaluate": Verb(
-            "deploy.commands.evaluate:evaluate",
+            "railctl.deploy.commands.evaluate:evaluate",
             "Play levels with a checkpoint or a reference policy, and print what becomes of them.",
         ),
         "demonstrate": Verb(
-            "deploy.commands.demonstrate:demonstrate",
+            "railctl.deploy.commands.demonstrate:demonstrate",
             "Write episodes that a policy plays on the training levels of a run, for others to learn.",
         ),
         "report": Verb(
-            "deploy.commands.report:report",
+            "railctl.deploy.commands.report:report",
             "Compare runs on a page that needs nothing else, or rank algorithms by how reliably they learn.",
         ),
         "doctor": Verb(
-            "deploy.commands.doctor:doctor",
+            "railctl.deploy.commands.doctor:doctor",
             "Check this machine: Python, packages, cores, memory, disk, Zenoh, and arithmetic that repeats.",
         ),
         "bench": Verb(
-            "deploy.commands.bench:bench",
+            "railctl.deploy.commands.bench:bench",
             "Measure ours beside others: same work, one process, one core; a ratio above 1 says that ours is better.",
         ),
-        "keys": Verb("deploy.commands.keys:app", "Make the keys by which the machines of a run know each other."),
-        "levels": Verb("deploy.commands.levels:app", "List, build, show, verify, import and export levels."),
+        "keys": Verb(
+            "railctl.deploy.commands.keys:app", "Make the keys by which the machines of a run know each other."
+        ),
+        "levels": Verb("railctl.deploy.commands.levels:app", "List, build, show, verify, import and export levels."),
         "study": Verb(
-            "deploy.commands.study:app", "Plan, run, watch and report on studies: many runs that are compared."
+            "railctl.deploy.commands.study:app", "Plan, run, watch and report on studies: many runs that are compared."
         ),
     },
     completes=True,

@@ -3,9 +3,9 @@
 import subprocess
 from pathlib import Path
 
-from common.folder import RunFolder
-from common.interpreter import run_worker
-from deploy.runs import Failed
+from railctl.common.folder import RunFolder
+from railctl.common.interpreter import run_worker
+from railctl.deploy.runs import Failed
 
 
 class CurveDrawing:
@@ -13,7 +13,7 @@ class CurveDrawing:
 
     def __init__(self, folder: RunFolder) -> None:
         self._process = subprocess.Popen(
-            run_worker("analysis.curve", "--run", str(folder.path)),
+            run_worker("railctl.analysis.curve", "--run", str(folder.path)),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -3,10 +3,10 @@
 import shutil
 from pathlib import Path
 
-from common.config import RunConfig
-from common.demonstrations import DemonstrationsError, digest_of, digest_of_file, read_demonstrations
-from common.strict import ConfigError
-from deploy.runs import Failed
+from railctl.common.config import RunConfig
+from railctl.common.demonstrations import DemonstrationsError, digest_of, digest_of_file, read_demonstrations
+from railctl.common.strict import ConfigError
+from railctl.deploy.runs import Failed
 
 
 def with_demonstrations_read(config: RunConfig, base: Path) -> RunConfig:

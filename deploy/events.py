@@ -5,13 +5,13 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
-from common.compile_signs import COMPILING
-from common.folder import RunFolder
-from common.process import STARTING, Fatal
-from common.records.heartbeats import Heartbeat, LearnerReport
-from common.records.rows import EventKind, EventRow
-from common.rows import DamagedRows, RowFile, last_rows
-from deploy.supervisor import Happening
+from railctl.common.compile_signs import COMPILING
+from railctl.common.folder import RunFolder
+from railctl.common.process import STARTING, Fatal
+from railctl.common.records.heartbeats import Heartbeat, LearnerReport
+from railctl.common.records.rows import EventKind, EventRow
+from railctl.common.rows import DamagedRows, RowFile, last_rows
+from railctl.deploy.supervisor import Happening
 
 LONGEST_CHARACTERS = 4000
 COUNTS: tuple[tuple[EventKind, str], ...] = (("refused", "messages"), ("reissued", "leases"))  # of a learner's report

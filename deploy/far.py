@@ -7,14 +7,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from common.bus import Bus, NoAnswer, open_bus
-from common.records.control import Empty
-from common.records.joining import RunIntroduction
-from common.strict import ConfigError
-from common.tls import LINK, Credentials, FarRole, host_and_port
-from common.wire import keys
-from common.wire.keys import ROOT
-from deploy.certificates import check
+from railctl.common.bus import Bus, NoAnswer, open_bus
+from railctl.common.records.control import Empty
+from railctl.common.records.joining import RunIntroduction
+from railctl.common.strict import ConfigError
+from railctl.common.tls import LINK, Credentials, FarRole, host_and_port
+from railctl.common.wire import keys
+from railctl.common.wire.keys import ROOT
+from railctl.deploy.certificates import check
 
 CONNECT_TIMEOUT_S = 5.0
 ASK_TIMEOUT_S = 5.0

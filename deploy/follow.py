@@ -9,15 +9,15 @@ from heapq import merge
 from itertools import islice
 from typing import Any
 
-from common.bus import Bus, NoAnswer
-from common.folder import RunFolder
-from common.locks import living
-from common.recent import RECENT_EPISODES, mean_of
-from common.records.control import Empty, ProcessStatus, Progress, RunState, Status
-from common.records.rows import EpisodeRow, EvaluationRow, HistoryRequest
-from common.rows import each_row, last_rows
-from common.wire import keys
-from common.wire.keys import Service
+from railctl.common.bus import Bus, NoAnswer
+from railctl.common.folder import RunFolder
+from railctl.common.locks import living
+from railctl.common.recent import RECENT_EPISODES, mean_of
+from railctl.common.records.control import Empty, ProcessStatus, Progress, RunState, Status
+from railctl.common.records.rows import EpisodeRow, EvaluationRow, HistoryRequest
+from railctl.common.rows import each_row, last_rows
+from railctl.common.wire import keys
+from railctl.common.wire.keys import Service
 
 ASK_TIMEOUT_S = 3.0
 Row = EpisodeRow | EvaluationRow

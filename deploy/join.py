@@ -11,25 +11,25 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
-from common.bus import Bus, NoAnswer, open_bus
-from common.config import RunConfig
-from common.folder import Cluster, RunFolder
-from common.levels.bank import bank_root
-from common.levels.distributions import ANY, LevelFiles
-from common.levels.own import own_copy
-from common.process import Stopping
-from common.records.heartbeats import Heartbeat
-from common.records.joining import LevelsRequest, RunIntroduction
-from common.strict import ConfigError, nearest
-from common.tls import Credentials
-from common.wire import keys
-from deploy.far import CONNECT_TIMEOUT_S, introduced, introduction, reach_far
-from deploy.levels import prepare_levels
-from deploy.plan import ProcessSpec, actors
-from deploy.processes import Processes
-from deploy.runs import Failed
-from deploy.supervisor import Limits, Quit, StopAsked, Supervisor
-from deploy.termination import terminable
+from railctl.common.bus import Bus, NoAnswer, open_bus
+from railctl.common.config import RunConfig
+from railctl.common.folder import Cluster, RunFolder
+from railctl.common.levels.bank import bank_root
+from railctl.common.levels.distributions import ANY, LevelFiles
+from railctl.common.levels.own import own_copy
+from railctl.common.process import Stopping
+from railctl.common.records.heartbeats import Heartbeat
+from railctl.common.records.joining import LevelsRequest, RunIntroduction
+from railctl.common.strict import ConfigError, nearest
+from railctl.common.tls import Credentials
+from railctl.common.wire import keys
+from railctl.deploy.far import CONNECT_TIMEOUT_S, introduced, introduction, reach_far
+from railctl.deploy.levels import prepare_levels
+from railctl.deploy.plan import ProcessSpec, actors
+from railctl.deploy.processes import Processes
+from railctl.deploy.runs import Failed
+from railctl.deploy.supervisor import Limits, Quit, StopAsked, Supervisor
+from railctl.deploy.termination import terminable
 
 log = logging.getLogger(__name__)
 

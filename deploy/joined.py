@@ -3,10 +3,10 @@
 import time
 from collections.abc import Collection
 
-from common.levels.distributions import ANY
-from common.records.control import ProcessStatus
-from common.records.heartbeats import Heartbeat
-from common.wire.keys import Alive
+from railctl.common.levels.distributions import ANY
+from railctl.common.records.control import ProcessStatus
+from railctl.common.records.heartbeats import Heartbeat
+from railctl.common.wire.keys import Alive
 
 MOST = 1000  # that are shown
 

@@ -15,25 +15,25 @@ from typing import Any
 
 import yaml
 
-from common.checkpoint import CheckpointError
-from common.config import RunConfig
-from common.folder import Cluster, RunFolder, write_atomically
-from common.interpreter import run_module
-from common.levels.own import LEVELS, ReadLevels
-from common.locks import living
-from common.private import FOLDER_MODE, is_private, private_endpoint, private_files
-from common.records.rows import EpisodeRow, EvaluationRow, EventRow, MetricRow
-from common.rows import DamagedRows, each_row
-from common.rules.settings import DEMONSTRATIONS_FILE, START_FILE
-from common.snapshots import check_history, newest_snapshot
-from common.strict import ConfigError, shortened
-from common.tls import Credentials
-from deploy.certificates import check as check_credentials
-from deploy.demonstrations import copy_demonstrations
-from deploy.listening import check_free
-from deploy.plan import ENVIRONMENT
-from deploy.runs import Failed, runs_root, supervised, without_configuration
-from deploy.start import copy_start
+from railctl.common.checkpoint import CheckpointError
+from railctl.common.config import RunConfig
+from railctl.common.folder import Cluster, RunFolder, write_atomically
+from railctl.common.interpreter import run_module
+from railctl.common.levels.own import LEVELS, ReadLevels
+from railctl.common.locks import living
+from railctl.common.private import FOLDER_MODE, is_private, private_endpoint, private_files
+from railctl.common.records.rows import EpisodeRow, EvaluationRow, EventRow, MetricRow
+from railctl.common.rows import DamagedRows, each_row
+from railctl.common.rules.settings import DEMONSTRATIONS_FILE, START_FILE
+from railctl.common.snapshots import check_history, newest_snapshot
+from railctl.common.strict import ConfigError, shortened
+from railctl.common.tls import Credentials
+from railctl.deploy.certificates import check as check_credentials
+from railctl.deploy.demonstrations import copy_demonstrations
+from railctl.deploy.listening import check_free
+from railctl.deploy.plan import ENVIRONMENT
+from railctl.deploy.runs import Failed, runs_root, supervised, without_configuration
+from railctl.deploy.start import copy_start
 
 NAME_FORM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]{0,99}")
 START_TIMEOUT_S = 60.0  # importing takes long on a machine that is busy
@@ -214,7 +214,7 @@ def start_supervisor(
         log.touch()
     with log.open("ab") as output:
         child = subprocess.Popen(
-            run_module("deploy.supervise", "--run", str(folder.path.resolve())),
+            run_module("railctl.deploy.supervise", "--run", str(folder.path.resolve())),
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,

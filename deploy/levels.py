@@ -5,15 +5,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from common.levels.distributions import AnyLevels, LevelFiles, shipped
-from common.levels.held_out import is_prepared
-from common.levels.own import ReadLevels, read_level_files
-from common.levels.requests import PrepareRequest, Request
-from common.world import read_world
-from deploy.resolve import read_file
-from deploy.task import run_task
+from railctl.common.levels.distributions import AnyLevels, LevelFiles, shipped
+from railctl.common.levels.held_out import is_prepared
+from railctl.common.levels.own import ReadLevels, read_level_files
+from railctl.common.levels.requests import PrepareRequest, Request
+from railctl.common.world import read_world
+from railctl.deploy.resolve import read_file
+from railctl.deploy.task import run_task
 
-TASKS = "tools.levels.tasks"  # the process that does what needs flatland
+TASKS = "railctl.tools.levels.tasks"  # the process that does what needs flatland
 
 
 def levels_of_run_file(path: Path) -> dict[str, AnyLevels]:

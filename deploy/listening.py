@@ -2,8 +2,8 @@
 
 import socket
 
-from common.tls import host_and_port
-from deploy.runs import Failed
+from railctl.common.tls import host_and_port
+from railctl.deploy.runs import Failed
 
 
 def check_free(field: str, address: str) -> None:

@@ -14,12 +14,12 @@ from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
 
-from common.bus import NoAnswer
-from common.process import NO_ROOM
-from common.rows import DamagedRows
-from common.strict import ConfigError, brief, describe
-from common.task import FAILED, WRONG_USAGE
-from deploy.runs import Failed, all_runs
+from railctl.common.bus import NoAnswer
+from railctl.common.process import NO_ROOM
+from railctl.common.rows import DamagedRows
+from railctl.common.strict import ConfigError, brief, describe
+from railctl.common.task import FAILED, WRONG_USAGE
+from railctl.deploy.runs import Failed, all_runs
 
 P = ParamSpec("P")
 

@@ -3,11 +3,11 @@
 import os
 from collections.abc import Mapping, Sequence
 
-from common.config import RunConfig
-from common.folder import RunFolder
-from common.records.control import ProcessStatus, Progress, RunState, Status
-from common.records.heartbeats import EvaluatorReport, Heartbeat, LearnerReport
-from deploy.supervisor import Supervisor
+from railctl.common.config import RunConfig
+from railctl.common.folder import RunFolder
+from railctl.common.records.control import ProcessStatus, Progress, RunState, Status
+from railctl.common.records.heartbeats import EvaluatorReport, Heartbeat, LearnerReport
+from railctl.deploy.supervisor import Supervisor
 
 Beats = Mapping[str, tuple[Heartbeat, float]]  # process -> last heartbeat, unix time of its arrival
 

@@ -10,15 +10,15 @@ from typing import NamedTuple
 
 import yaml
 
-from analysis.study import Study
-from common.config import MAX_ACTORS, MAX_LAG, Plain, RunConfig
-from common.levels.distributions import ANY
-from common.strict import ConfigError, nearest, shortened
-from deploy.launch import check_name
-from deploy.resolve import resolve
-from deploy.study.described import configurations
-from deploy.study.shares import check_shares
-from deploy.whole_paths import with_whole_paths
+from railctl.analysis.study import Study
+from railctl.common.config import MAX_ACTORS, MAX_LAG, Plain, RunConfig
+from railctl.common.levels.distributions import ANY
+from railctl.common.strict import ConfigError, nearest, shortened
+from railctl.deploy.launch import check_name
+from railctl.deploy.resolve import resolve
+from railctl.deploy.study.described import configurations
+from railctl.deploy.study.shares import check_shares
+from railctl.deploy.whole_paths import with_whole_paths
 
 PORTS = range(1024, 65536)  # those below are for root alone
 MAX_NODES = MAX_LAG + 1  # no lag has work for an actor on each of more

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.interpreter import run_module
-from common.records.base import Role
+from railctl.common.interpreter import run_module
+from railctl.common.records.base import Role
 
 # One thread a process for numerics, bits that do not depend on memory alignment, and logs without colours.
 ENVIRONMENT = {

@@ -8,16 +8,16 @@ import time
 from abc import ABC, abstractmethod
 from contextlib import ExitStack
 
-from common.bus import Bus
-from common.folder import RunFolder
-from common.inbox import Inbox
-from common.locks import holder, living
-from common.process import EXIT_RUNS_ALREADY, STARTING, Stopping
-from common.records.heartbeats import Heartbeat
-from common.records.rows import EventKind
-from deploy.events import DamagedSnapshots, EventLog, changes
-from deploy.plan import ENVIRONMENT, ProcessSpec
-from deploy.supervisor import (
+from railctl.common.bus import Bus
+from railctl.common.folder import RunFolder
+from railctl.common.inbox import Inbox
+from railctl.common.locks import holder, living
+from railctl.common.process import EXIT_RUNS_ALREADY, STARTING, Stopping
+from railctl.common.records.heartbeats import Heartbeat
+from railctl.common.records.rows import EventKind
+from railctl.deploy.events import DamagedSnapshots, EventLog, changes
+from railctl.deploy.plan import ENVIRONMENT, ProcessSpec
+from railctl.deploy.supervisor import (
     Adopted,
     Beat,
     Event,

@@ -9,15 +9,15 @@ from typing import Any
 import yaml
 from pydantic import BaseModel
 
-from common.config import MAX_ACTORS, MAX_LAG, MAX_STALENESS, PATHS, RunConfig, home_of, parse_config, upgraded
-from common.levels.distributions import LEVEL_PATTERN, shipped
-from common.mapping_file import read_mapping
-from common.plain_yaml import DEEPEST, NotPlainYamlError, parse_yaml
-from common.rules import rules, settings_of
-from common.strict import ConfigError, brief, flat, nearest, section_of, shortened
-from common.world import WorldSpec, checked_world, chosen_levels, read_world
-from deploy.demonstrations import demonstrations_digest, with_demonstrations_read
-from deploy.start import checkpoint_digest, with_start_read
+from railctl.common.config import MAX_ACTORS, MAX_LAG, MAX_STALENESS, PATHS, RunConfig, home_of, parse_config, upgraded
+from railctl.common.levels.distributions import LEVEL_PATTERN, shipped
+from railctl.common.mapping_file import read_mapping
+from railctl.common.plain_yaml import DEEPEST, NotPlainYamlError, parse_yaml
+from railctl.common.rules import rules, settings_of
+from railctl.common.strict import ConfigError, brief, flat, nearest, section_of, shortened
+from railctl.common.world import WorldSpec, checked_world, chosen_levels, read_world
+from railctl.deploy.demonstrations import demonstrations_digest, with_demonstrations_read
+from railctl.deploy.start import checkpoint_digest, with_start_read
 
 Plain = dict[str, Any]
 LEVEL_FORM = re.compile(LEVEL_PATTERN)
@@ -27,7 +27,9 @@ EVALUATION_LEVELS = 50  # unless fewer are kept from training
 def algorithms() -> list[str]:
     """The names of all presets."""
     return sorted(
-        path.name.removesuffix(".yaml") for path in files("deploy.presets").iterdir() if path.name.endswith(".yaml")
+        path.name.removesuffix(".yaml")
+        for path in files("railctl.deploy.presets").iterdir()
+        if path.name.endswith(".yaml")
     )
 
 
@@ -39,7 +41,7 @@ def preset_of(algorithm: str) -> Plain:
     """
     if algorithm not in algorithms():
         raise ConfigError(f"unknown algorithm {shortened(algorithm)}{nearest(algorithm, algorithms())}")
-    preset: Plain = yaml.safe_load((files("deploy.presets") / f"{algorithm}.yaml").read_text())
+    preset: Plain = yaml.safe_load((files("railctl.deploy.presets") / f"{algorithm}.yaml").read_text())
     return preset
 
 

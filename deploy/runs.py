@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from common.bus import Bus, NoAnswer, open_bus
-from common.folder import RunFolder
-from common.locks import holder, living
-from common.strict import ConfigError, brief, nearest, shortened
+from railctl.common.bus import Bus, NoAnswer, open_bus
+from railctl.common.folder import RunFolder
+from railctl.common.locks import holder, living
+from railctl.common.strict import ConfigError, brief, nearest, shortened
 
 CONNECT_TIMEOUT_S = 2.0
 PRETRAINED = Path(__file__).parent / "pretrained"

@@ -10,9 +10,9 @@ from rich.progress_bar import ProgressBar
 from rich.table import Column, Table
 from rich.text import Text
 
-from common.compile_signs import COMPILING
-from common.records.control import Status
-from common.records.rows import EpisodeRow, EvaluationRow, EventRow
+from railctl.common.compile_signs import COMPILING
+from railctl.common.records.control import Status
+from railctl.common.records.rows import EpisodeRow, EvaluationRow, EventRow
 
 SHOWN_EVALUATIONS = 8
 SHOWN_PROBLEMS = 3

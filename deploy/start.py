@@ -3,11 +3,11 @@
 import shutil
 from pathlib import Path
 
-from common.checkpoint import CheckpointError, load
-from common.config import RunConfig, config_of_science
-from common.rules.settings import StartFrom
-from common.strict import ConfigError
-from deploy.runs import Failed
+from railctl.common.checkpoint import CheckpointError, load
+from railctl.common.config import RunConfig, config_of_science
+from railctl.common.rules.settings import StartFrom
+from railctl.common.strict import ConfigError
+from railctl.deploy.runs import Failed
 
 
 def with_start_read(config: RunConfig, base: Path) -> RunConfig:

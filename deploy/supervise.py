@@ -1,4 +1,4 @@
-"""python -m deploy.supervise --run FOLDER: does what `deploy.supervisor` decides; answers `status`, `scale`, `stop`.
+"""python -m railctl.deploy.supervise --run FOLDER: does what `deploy.supervisor` decides; answers `status`, `scale`, `stop`.
 
 Processes outlive their supervisor: a new one adopts those that hold their locks and starts what is missing.
 """
@@ -9,24 +9,24 @@ import os
 from contextlib import ExitStack
 from pathlib import Path
 
-from common.bus import Bus, NoAnswer, Question, open_bus
-from common.folder import Cluster, Outcome, RunFolder, write_atomically
-from common.levels.own import own_copy
-from common.locks import sole
-from common.private import remove_endpoint
-from common.process import Stopping, run_service
-from common.records.control import CommandAnswer, Empty, ScaleRequest, Status
-from common.records.joining import MOST_LEVEL_BYTES, LevelFileCopy, LevelsRequest, RunIntroduction
-from common.records.rows import EpisodeRow
-from common.rows import DamagedRows, each_row
-from common.wire import keys
-from deploy.curve import CurveDrawing
-from deploy.joined import Joined
-from deploy.overview import overview, progress_of, run_is_complete
-from deploy.plan import actors, cluster
-from deploy.processes import Processes
-from deploy.runs import Failed
-from deploy.supervisor import Limits, StopAsked, Supervisor, Wanted
+from railctl.common.bus import Bus, NoAnswer, Question, open_bus
+from railctl.common.folder import Cluster, Outcome, RunFolder, write_atomically
+from railctl.common.levels.own import own_copy
+from railctl.common.locks import sole
+from railctl.common.private import remove_endpoint
+from railctl.common.process import Stopping, run_service
+from railctl.common.records.control import CommandAnswer, Empty, ScaleRequest, Status
+from railctl.common.records.joining import MOST_LEVEL_BYTES, LevelFileCopy, LevelsRequest, RunIntroduction
+from railctl.common.records.rows import EpisodeRow
+from railctl.common.rows import DamagedRows, each_row
+from railctl.common.wire import keys
+from railctl.deploy.curve import CurveDrawing
+from railctl.deploy.joined import Joined
+from railctl.deploy.overview import overview, progress_of, run_is_complete
+from railctl.deploy.plan import actors, cluster
+from railctl.deploy.processes import Processes
+from railctl.deploy.runs import Failed
+from railctl.deploy.supervisor import Limits, StopAsked, Supervisor, Wanted
 
 log = logging.getLogger(__name__)
 

@@ -9,10 +9,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Literal
 
-from common.config import ClusterConfig
-from common.process import EXIT_FATAL
-from common.records.rows import EventKind
-from deploy.plan import ProcessSpec
+from railctl.common.config import ClusterConfig
+from railctl.common.process import EXIT_FATAL
+from railctl.common.records.rows import EventKind
+from railctl.deploy.plan import ProcessSpec
 
 FIRST_BACK_OFF_S = 0.5
 LONGEST_BACK_OFF_S = 10.0

@@ -11,11 +11,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 from rich.progress import Progress as Bar
 
-from common.interpreter import run_worker
-from common.strict import ConfigError
-from common.task import WRONG_USAGE
-from deploy.plan import ENVIRONMENT
-from deploy.runs import Failed
+from railctl.common.interpreter import run_worker
+from railctl.common.strict import ConfigError
+from railctl.common.task import WRONG_USAGE
+from railctl.deploy.plan import ENVIRONMENT
+from railctl.deploy.runs import Failed
 
 END_PATIENCE_S = 2.0
 LINE_EVERY_S = 5.0  # where there is no terminal to draw a bar on

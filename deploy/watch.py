@@ -8,15 +8,15 @@ from collections.abc import Callable, Iterable
 from rich.live import Live
 from rich.text import Text
 
-from common.bus import Bus, NoAnswer
-from common.folder import RunFolder
-from common.locks import holder
-from common.records.rows import EvaluationRow
-from deploy.follow import Row, Rows, live_status
-from deploy.output import console
-from deploy.runs import Failed, reach, supervised
-from deploy.show import progress_line, row_line, view
-from deploy.termination import Terminated, terminable
+from railctl.common.bus import Bus, NoAnswer
+from railctl.common.folder import RunFolder
+from railctl.common.locks import holder
+from railctl.common.records.rows import EvaluationRow
+from railctl.deploy.follow import Row, Rows, live_status
+from railctl.deploy.output import console
+from railctl.deploy.runs import Failed, reach, supervised
+from railctl.deploy.show import progress_line, row_line, view
+from railctl.deploy.termination import Terminated, terminable
 
 REFRESH_S = 0.5
 LINE_EVERY_S = 5.0

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from common.config import PATHS, Plain
+from railctl.common.config import PATHS, Plain
 
 
 def levels_with_whole_paths(levels: Plain, base: Path) -> Plain:

@@ -16,8 +16,8 @@ from supersuit import black_death_v3, pettingzoo_env_to_vec_env_v1
 from supersuit.vector import ConcatVecEnv
 from supersuit.vector.sb3_vector_wrapper import SB3VecEnvWrapper
 
-from adapters.pettingzoo_env import TrainsEnv
-from common.levels.supply import LevelSupply
+from railctl.adapters.pettingzoo_env import TrainsEnv
+from railctl.common.levels.supply import LevelSupply
 
 GAMMA = 0.995
 

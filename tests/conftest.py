@@ -9,7 +9,7 @@ import pytest
 from hypothesis import settings
 from xdist.scheduler import LoadFileScheduling
 
-from deploy.plan import ENVIRONMENT
+from railctl.deploy.plan import ENVIRONMENT
 
 os.environ.update(ENVIRONMENT)
 signal.signal(signal.SIGINT, signal.default_int_handler)  # who is started in a shell's background ignores it

@@ -1,11 +1,11 @@
-"""python -m analysis.reliability FILE: judges the curves of a file; how it answers: see `common.task`."""
+"""python -m railctl.analysis.reliability FILE: judges the curves of a file; how it answers: see `common.task`."""
 
 import argparse
 from pathlib import Path
 
-from analysis.reliability import RECORDS, CurvesError, judge, parse_switches, sensitivity
-from analysis.reliability.files import load
-from common.task import Teller, carry_out, say
+from railctl.analysis.reliability import RECORDS, CurvesError, judge, parse_switches, sensitivity
+from railctl.analysis.reliability.files import load
+from railctl.common.task import Teller, carry_out, say
 
 
 def reliability(options: argparse.Namespace) -> None:

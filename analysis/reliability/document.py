@@ -6,16 +6,16 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.reliability.curves import Curves, Floats
-from analysis.reliability.draws import Draws, KeyedDraws, ToolDraws
-from analysis.reliability.measures import METRICS
-from analysis.reliability.ranks import mean_ranks, pooled_ranks, runs_ranked
-from analysis.reliability.resampling import pairs_of
-from analysis.reliability.samples import CurveSamples, RunSamples, Samples
-from analysis.reliability.significance import Rule, differing
-from analysis.reliability.switches import MAIN, RECORDS, Switches
-from analysis.reliability.tool import tool_class, tool_parameters
-from analysis.reliability.zones import measured
+from railctl.analysis.reliability.curves import Curves, Floats
+from railctl.analysis.reliability.draws import Draws, KeyedDraws, ToolDraws
+from railctl.analysis.reliability.measures import METRICS
+from railctl.analysis.reliability.ranks import mean_ranks, pooled_ranks, runs_ranked
+from railctl.analysis.reliability.resampling import pairs_of
+from railctl.analysis.reliability.samples import CurveSamples, RunSamples, Samples
+from railctl.analysis.reliability.significance import Rule, differing
+from railctl.analysis.reliability.switches import MAIN, RECORDS, Switches
+from railctl.analysis.reliability.tool import tool_class, tool_parameters
+from railctl.analysis.reliability.zones import measured
 
 INTERVAL = (2.5, 97.5)
 TOLERANCE = 1e-9  # of differences of mean ranks: equal ones may be a rounding error apart

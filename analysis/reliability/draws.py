@@ -10,8 +10,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.random import Generator, Philox, RandomState
 
-from analysis.reliability.curves import Floats, Ints
-from common.seeding import stream_key
+from railctl.analysis.reliability.curves import Floats, Ints
+from railctl.common.seeding import stream_key
 
 TOOL_RESAMPLES = 1000
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.reliability.curves import Curves, CurvesError, Floats
-from common.levels.files import LevelFileError, opened
-from common.strict import nearest
+from railctl.analysis.reliability.curves import Curves, CurvesError, Floats
+from railctl.common.levels.files import LevelFileError, opened
+from railctl.common.strict import nearest
 
 Arrays = Mapping[str, NDArray[Any]]
 

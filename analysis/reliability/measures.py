@@ -11,8 +11,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.signal import butter, filtfilt
 
-from analysis.reliability.curves import Curves, Floats
-from analysis.reliability.switches import Switches
+from railctl.analysis.reliability.curves import Curves, Floats
+from railctl.analysis.reliability.switches import Switches
 
 ALPHA = 0.05  # share of the values that make a tail
 TAIL_TOLERANCE = 1e-12  # interpolated quantiles are a rounding error off values that they equal

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import rankdata
 
-from analysis.reliability.curves import Floats
+from railctl.analysis.reliability.curves import Floats
 
 DECIMALS = 10  # values that agree in as many are equal
 

@@ -10,9 +10,9 @@ from itertools import combinations
 
 import numpy as np
 
-from analysis.reliability.curves import Floats, Ints
-from analysis.reliability.draws import Draws, first_halves
-from analysis.reliability.ranks import own_ranks, pooled_ranks, rank_among
+from railctl.analysis.reliability.curves import Floats, Ints
+from railctl.analysis.reliability.draws import Draws, first_halves
+from railctl.analysis.reliability.ranks import own_ranks, pooled_ranks, rank_among
 
 CHUNK = 500  # samples of curves at a time, which bounds memory
 

@@ -5,10 +5,10 @@ from typing import Protocol
 
 import numpy as np
 
-from analysis.reliability.curves import Curves, Floats
-from analysis.reliability.draws import Draws
-from analysis.reliability.measures import curve_ranges, dispersion_of_runs, points_across_runs
-from analysis.reliability.resampling import (
+from railctl.analysis.reliability.curves import Curves, Floats
+from railctl.analysis.reliability.draws import Draws
+from railctl.analysis.reliability.measures import curve_ranges, dispersion_of_runs, points_across_runs
+from railctl.analysis.reliability.resampling import (
     bootstrapped_curves,
     bootstrapped_rank,
     bootstrapped_runs,
@@ -17,8 +17,8 @@ from analysis.reliability.resampling import (
     permuted_difference,
     permuted_runs,
 )
-from analysis.reliability.switches import Switches
-from analysis.reliability.zones import Zones, penalties_by_zone
+from railctl.analysis.reliability.switches import Switches
+from railctl.analysis.reliability.zones import Zones, penalties_by_zone
 
 
 class Samples(Protocol):

@@ -5,11 +5,11 @@ from typing import Any, get_args
 import numpy as np
 from scipy.stats import rankdata
 
-from analysis.reliability.curves import Curves, Floats
-from analysis.reliability.document import plain
-from analysis.reliability.ranks import DECIMALS, mean_ranks, runs_ranked
-from analysis.reliability.switches import APPLY, Switches
-from analysis.reliability.zones import measured
+from railctl.analysis.reliability.curves import Curves, Floats
+from railctl.analysis.reliability.document import plain
+from railctl.analysis.reliability.ranks import DECIMALS, mean_ranks, runs_ranked
+from railctl.analysis.reliability.switches import APPLY, Switches
+from railctl.analysis.reliability.zones import measured
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # runs without range

@@ -5,7 +5,7 @@ from typing import Literal
 import numpy as np
 from scipy.stats import false_discovery_control
 
-from analysis.reliability.curves import Floats
+from railctl.analysis.reliability.curves import Floats
 
 Rule = Literal["tool", "textbook", "bonferroni", "none"]
 

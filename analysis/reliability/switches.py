@@ -5,7 +5,7 @@ from typing import Any, Literal, NamedTuple
 
 from pydantic import ValidationError
 
-from common.strict import ConfigError, Strict, describe, nearest
+from railctl.common.strict import ConfigError, Strict, describe, nearest
 
 
 class Switches(Strict):

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from analysis.reliability.curves import Curves
-from analysis.reliability.measures import ALPHA
-from analysis.reliability.switches import Switches
-from analysis.reliability.zones import evaluation_points
+from railctl.analysis.reliability.curves import Curves
+from railctl.analysis.reliability.measures import ALPHA
+from railctl.analysis.reliability.switches import Switches
+from railctl.analysis.reliability.zones import evaluation_points
 
 TARGETS = {"SRT": "diffs", "LRT": "drawdown", "RR": "across"}
 CLASSES = {"DT": "IqrWithinRuns", "DR": "IqrAcrossRuns", "MEDPERF": "MedianPerfDuringTraining"}

@@ -5,10 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from analysis.reliability.curves import Curves, Floats
-from analysis.reliability.measures import METRICS
-from analysis.reliability.ranks import penalties
-from analysis.reliability.switches import Switches
+from railctl.analysis.reliability.curves import Curves, Floats
+from railctl.analysis.reliability.measures import METRICS
+from railctl.analysis.reliability.ranks import penalties
+from railctl.analysis.reliability.switches import Switches
 
 Zones = dict[str, list[int] | None]  # the points of each, by index
 

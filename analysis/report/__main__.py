@@ -1,4 +1,4 @@
-"""python -m analysis.report --study FOLDER | --results FILE | --run FOLDER ...: how it answers: see `common.task`.
+"""python -m railctl.analysis.report --study FOLDER | --results FILE | --run FOLDER ...: how it answers: see `common.task`.
 
 What is published has the results in a file, from which the rest of the folder can be made anew, and no PNG.
 """
@@ -9,17 +9,17 @@ from pathlib import Path
 
 from matplotlib import rc_context
 
-from analysis.reliability import CurvesError
-from analysis.report import archive
-from analysis.report.contents import STAGES, contents
-from analysis.report.figures.style import SETTINGS
-from analysis.report.files import write, write_png
-from analysis.report.loading import DamagedEvaluation, load_results, load_runs, load_study
-from analysis.report.results import Results
-from analysis.study import StudyFolder
-from common.rows import DamagedRows
-from common.strict import ConfigError
-from common.task import Teller, carry_out, say
+from railctl.analysis.reliability import CurvesError
+from railctl.analysis.report import archive
+from railctl.analysis.report.contents import STAGES, contents
+from railctl.analysis.report.figures.style import SETTINGS
+from railctl.analysis.report.files import write, write_png
+from railctl.analysis.report.loading import DamagedEvaluation, load_results, load_runs, load_study
+from railctl.analysis.report.results import Results
+from railctl.analysis.study import StudyFolder
+from railctl.common.rows import DamagedRows
+from railctl.common.strict import ConfigError
+from railctl.common.task import Teller, carry_out, say
 
 
 def report(options: argparse.Namespace) -> None:

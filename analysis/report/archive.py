@@ -11,12 +11,12 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, ValidationError
 
-from analysis.report.results import Results, Scored, State, Trained
-from analysis.study import PlannedRun, Study
-from common.bounded import parse_json, read_bounded
-from common.config import parse_config
-from common.folder import write_atomically
-from common.strict import ConfigError, Strict, describe
+from railctl.analysis.report.results import Results, Scored, State, Trained
+from railctl.analysis.study import PlannedRun, Study
+from railctl.common.bounded import parse_json, read_bounded
+from railctl.common.config import parse_config
+from railctl.common.folder import write_atomically
+from railctl.common.strict import ConfigError, Strict, describe
 
 MOST_PACKED_BYTES, MOST_BYTES = 64_000_000, 1_000_000_000
 

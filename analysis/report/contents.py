@@ -3,16 +3,16 @@
 from collections.abc import Callable
 from typing import Any
 
-from analysis.reliability import Curves, judge, sensitivity
-from analysis.report.figures.style import looks
-from analysis.report.parts import Section
-from analysis.report.results import Results
-from analysis.report.sections.beyond import beyond
-from analysis.report.sections.final import final
-from analysis.report.sections.reliability import METRICS, reliability, why_not
-from analysis.report.sections.settings import settings
-from analysis.report.sections.summary import summary
-from analysis.report.sections.training import training
+from railctl.analysis.reliability import Curves, judge, sensitivity
+from railctl.analysis.report.figures.style import looks
+from railctl.analysis.report.parts import Section
+from railctl.analysis.report.results import Results
+from railctl.analysis.report.sections.beyond import beyond
+from railctl.analysis.report.sections.final import final
+from railctl.analysis.report.sections.reliability import METRICS, reliability, why_not
+from railctl.analysis.report.sections.settings import settings
+from railctl.analysis.report.sections.summary import summary
+from railctl.analysis.report.sections.training import training
 
 STAGES = 6
 

@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from analysis.report.figures.style import image
-from analysis.report.page import page
-from analysis.report.parts import Figure, Section
-from analysis.report.results import Results
-from analysis.report.tables import Table
-from common.folder import write_atomically
+from railctl.analysis.report.figures.style import image
+from railctl.analysis.report.page import page
+from railctl.analysis.report.parts import Figure, Section
+from railctl.analysis.report.results import Results
+from railctl.analysis.report.tables import Table
+from railctl.common.folder import write_atomically
 
 
 def write(

@@ -9,19 +9,19 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from analysis.report import archive
-from analysis.report.archive import Archived
-from analysis.report.results import Results, Scored, State, Trained
-from analysis.study import Judgement, PlannedRun, Study, StudyFolder, planned_runs, read_study
-from common import checkpoint
-from common.bounded import parse_json, read_json
-from common.checkpoint import CheckpointError
-from common.config import RunConfig
-from common.folder import RunFolder
-from common.records.rows import EpisodeRow, EvaluationRow
-from common.requests import Reference
-from common.rows import DamagedRows, read_rows
-from common.strict import ConfigError, flat
+from railctl.analysis.report import archive
+from railctl.analysis.report.archive import Archived
+from railctl.analysis.report.results import Results, Scored, State, Trained
+from railctl.analysis.study import Judgement, PlannedRun, Study, StudyFolder, planned_runs, read_study
+from railctl.common import checkpoint
+from railctl.common.bounded import parse_json, read_json
+from railctl.common.checkpoint import CheckpointError
+from railctl.common.config import RunConfig
+from railctl.common.folder import RunFolder
+from railctl.common.records.rows import EpisodeRow, EvaluationRow
+from railctl.common.requests import Reference
+from railctl.common.rows import DamagedRows, read_rows
+from railctl.common.strict import ConfigError, flat
 
 POINTS = 15  # evaluation points of a curve, as in the study
 BLOCK = 100  # episodes of one, if there are enough of them

@@ -1,14 +1,14 @@
-"""python -m analysis.report.markdown FILE: the final scores in a file of results, as the documents have them."""
+"""python -m railctl.analysis.report.markdown FILE: the final scores in a file of results, as the documents have them."""
 
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from analysis.report import published
-from analysis.report.loading import load_results
-from analysis.report.results import Results, Scored
-from analysis.report.sections.final import spread
-from analysis.report.tables import NOTHING, Beside, shown
+from railctl.analysis.report import published
+from railctl.analysis.report.loading import load_results
+from railctl.analysis.report.results import Results, Scored
+from railctl.analysis.report.sections.final import spread
+from railctl.analysis.report.tables import NOTHING, Beside, shown
 
 
 def final_scores(results: Results) -> str:

@@ -5,8 +5,8 @@ import re
 from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree as ET
 
-from analysis.report.parts import Figure, Listing, Part, Section
-from analysis.report.tables import Table
+from railctl.analysis.report.parts import Figure, Listing, Part, Section
+from railctl.analysis.report.tables import Table
 
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"  # browsers hold the page to it
 STYLE = """

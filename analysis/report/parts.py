@@ -5,7 +5,7 @@ from typing import Any
 
 from matplotlib.figure import Figure as Drawing
 
-from analysis.report.tables import Table
+from railctl.analysis.report.tables import Table
 
 
 @dataclass(frozen=True)

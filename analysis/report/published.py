@@ -5,14 +5,14 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from analysis.report.tables import Spread
+from railctl.analysis.report.tables import Spread
 
 HYPERPARAMETERS = ("learning rate", "hidden", "batch", "learn every", "buffer", "epochs")
 
 
 @cache
 def _published() -> dict[str, Any]:
-    text = (files("analysis.report") / "published.json").read_text()
+    text = (files("railctl.analysis.report") / "published.json").read_text()
     document: dict[str, Any] = json.loads(text)
     return document
 

@@ -11,8 +11,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.study import Judgement, PlannedRun, Study
-from common.config import RunConfig
+from railctl.analysis.study import Judgement, PlannedRun, Study
+from railctl.common.config import RunConfig
 
 State = Literal["done", "unfinished", "failed", "missing"]
 

@@ -7,8 +7,8 @@ Builders only ever add files, so a reader needs no lock; it sees what was there 
 import os
 from pathlib import Path
 
-from common.levels.chunks import SUFFIX, Chunk
-from common.levels.level import Level
+from railctl.common.levels.chunks import SUFFIX, Chunk
+from railctl.common.levels.level import Level
 
 
 def bank_root(runs: Path) -> Path:

@@ -1,4 +1,4 @@
-"""Filling a level bank, with any number of processes and builders at once; `python -m common.levels.build` is a worker.
+"""Filling a level bank, with any number of processes and builders at once; `python -m railctl.common.levels.build` is a worker.
 
 A request (a distribution and seeds) is cut into chunks in the same way by everybody. A worker goes through them, skips
 those whose files are there, claims one by a lock that the kernel frees when its holder dies, generates its levels and
@@ -21,14 +21,14 @@ from typing import Annotated
 
 from pydantic import Field
 
-from common.interpreter import run_worker
-from common.levels.bank import LevelBank
-from common.levels.chunks import BankError, chunk_name, key_of, write_chunk
-from common.levels.distributions import Generated, LegacyLevels, StockLevels
-from common.levels.generate import generate
-from common.levels.held_out import TRIES, HeldOut, retry_seed
-from common.levels.level import InfeasibleLevelError
-from common.strict import Strict
+from railctl.common.interpreter import run_worker
+from railctl.common.levels.bank import LevelBank
+from railctl.common.levels.chunks import BankError, chunk_name, key_of, write_chunk
+from railctl.common.levels.distributions import Generated, LegacyLevels, StockLevels
+from railctl.common.levels.generate import generate
+from railctl.common.levels.held_out import TRIES, HeldOut, retry_seed
+from railctl.common.levels.level import InfeasibleLevelError
+from railctl.common.strict import Strict
 
 CHUNK_LEVELS = 128  # at most
 CHUNK_WORK = CHUNK_LEVELS * 25 * 25 * 7  # cells times trains of a chunk: a kill shall never lose more than a minute
@@ -180,7 +180,7 @@ def _run(root: Path, levels: Generated, seeds: Sequence[int], processes: int) ->
         request.write_text(content.model_dump_json())
         with complaints.open("wb") as errors:
             reading, writing = os.pipe()
-            command = run_worker("common.levels.build", str(request))
+            command = run_worker("railctl.common.levels.build", str(request))
             workers = [subprocess.Popen(command, stdout=writing, stderr=errors) for _ in range(processes)]
             os.close(writing)
             try:

@@ -1,8 +1,8 @@
 """Whether a distribution can be generated at all, known before any process starts."""
 
-from common.levels.distributions import AnyLevels, LevelFiles
-from common.levels.room import check_room
-from common.levels.speeds import check_speeds
+from railctl.common.levels.distributions import AnyLevels, LevelFiles
+from railctl.common.levels.room import check_room
+from railctl.common.levels.speeds import check_speeds
 
 
 def check(name: str, levels: AnyLevels) -> None:

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from common.bounded import parse_json
-from common.levels.distributions import Generated, shipped
-from common.levels.level import Level, Malfunctions, Schedule
-from common.levels.whole import write_whole
+from railctl.common.bounded import parse_json
+from railctl.common.levels.distributions import Generated, shipped
+from railctl.common.levels.level import Level, Malfunctions, Schedule
+from railctl.common.levels.whole import write_whole
 
 SUFFIX = ".levels"
 HEADER_BYTES = 256

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 import yaml
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from common.strict import Share, Strict
+from railctl.common.strict import Share, Strict
 
 ANY = "any"  # what an actor serves that serves all; no name of levels
 MOST_TRAINS = 1000
@@ -168,7 +168,7 @@ AnyLevels = Annotated[
 def shipped() -> dict[str, LegacyLevels | StockLevels]:
     """The distributions that ship with the project, the one with the fewest trains first."""
     found = {}
-    for path in files("common.levels.shipped").iterdir():
+    for path in files("railctl.common.levels.shipped").iterdir():
         if path.name.endswith(".yaml"):
             data = yaml.safe_load(path.read_text())
             model = LegacyLevels if data["rules"] == "legacy" else StockLevels

@@ -24,10 +24,10 @@ import numpy as np
 from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
-from common.bounded import open_at_once
-from common.levels.level import MOST_STEPS, Level, Malfunctions, Schedule
-from common.levels.speeds import LARGEST_UNIT
-from common.levels.whole import write_whole
+from railctl.common.bounded import open_at_once
+from railctl.common.levels.level import MOST_STEPS, Level, Malfunctions, Schedule
+from railctl.common.levels.speeds import LARGEST_UNIT
+from railctl.common.levels.whole import write_whole
 
 GRID, AGENTS, MAX_STEPS = "_levels_grid", "_levels_agents", "_levels_max_steps"
 SCHEDULED, MALFUNCTIONS = "_levels_scheduled", "_levels_malfunctions"

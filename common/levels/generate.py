@@ -1,8 +1,8 @@
 """Drawing a level of any distribution: a pure function of its settings and a seed."""
 
-from common.levels import legacy, stock
-from common.levels.distributions import Generated, LegacyLevels
-from common.levels.level import Level
+from railctl.common.levels import legacy, stock
+from railctl.common.levels.distributions import Generated, LegacyLevels
+from railctl.common.levels.level import Level
 
 
 def generate(levels: Generated, seed: int) -> Level:

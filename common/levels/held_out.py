@@ -6,7 +6,7 @@ own distribution, or of one of the first `HELD_OUT_LEVELS` of those that ship, i
 derived from its own, and so on. It is a pure function of (distribution, seed), wherever levels come from.
 
 The hashes of the rails that ship are a constant of the generator, kept beside this file, because drawing the levels
-takes a minute; `python -m tools.levels.held_out` draws them again and writes the file. Those of other distributions
+takes a minute; `python -m railctl.tools.levels.held_out` draws them again and writes the file. Those of other distributions
 are kept in the bank, in the folder of the distribution, once they have been drawn (`common.levels.prepare`).
 """
 
@@ -19,13 +19,13 @@ from pathlib import Path
 
 import numpy as np
 
-from common.bounded import parse_json, read_bounded
-from common.levels.bank import LevelBank
-from common.levels.chunks import KINDS, key_of
-from common.levels.distributions import AnyLevels, Generated, LevelFiles, shipped
-from common.levels.level import Level
-from common.levels.whole import write_whole
-from common.seeding import EVALUATION_BIT, evaluation_level_seed, stream_key
+from railctl.common.bounded import parse_json, read_bounded
+from railctl.common.levels.bank import LevelBank
+from railctl.common.levels.chunks import KINDS, key_of
+from railctl.common.levels.distributions import AnyLevels, Generated, LevelFiles, shipped
+from railctl.common.levels.level import Level
+from railctl.common.levels.whole import write_whole
+from railctl.common.seeding import EVALUATION_BIT, evaluation_level_seed, stream_key
 
 HELD_OUT_LEVELS = 1000  # of each that ships: as many as the final evaluation of the study plays
 TRIES = 512  # one in five fails where there are many maps, nine in ten on the smallest grids

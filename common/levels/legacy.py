@@ -5,13 +5,13 @@ sparse rail and schedule generators of flatland-rl 2.2.2. The same random number
 library is not needed: what it draws is restated in `common.levels.compiled`.
 """
 
-from common.levels.compiled.layout import draw_layout
-from common.levels.compiled.trips import legacy_trips
-from common.levels.compiled.twister import State, seeded
-from common.levels.distributions import LegacyLevels
-from common.levels.level import InfeasibleLevelError, Level
-from common.levels.room import room_of
-from common.seeding import stream_key
+from railctl.common.levels.compiled.layout import draw_layout
+from railctl.common.levels.compiled.trips import legacy_trips
+from railctl.common.levels.compiled.twister import State, seeded
+from railctl.common.levels.distributions import LegacyLevels
+from railctl.common.levels.level import InfeasibleLevelError, Level
+from railctl.common.levels.room import room_of
+from railctl.common.seeding import stream_key
 
 ROUTE_TRIES = 100  # 2.2.2 gave up on a train after so many pairs of stations
 LEVEL_TRIES = 20

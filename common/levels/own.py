@@ -11,13 +11,13 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from common.levels import files
-from common.levels.check import check
-from common.levels.distributions import AnyLevels, FoundLevels, LevelFiles
-from common.levels.files import Groups, LevelFileError
-from common.levels.level import Level
-from common.levels.reading import read
-from common.strict import ConfigError
+from railctl.common.levels import files
+from railctl.common.levels.check import check
+from railctl.common.levels.distributions import AnyLevels, FoundLevels, LevelFiles
+from railctl.common.levels.files import Groups, LevelFileError
+from railctl.common.levels.level import Level
+from railctl.common.levels.reading import read
+from railctl.common.strict import ConfigError
 
 TRAINING, EVALUATION = "training", "evaluation"
 LEVELS = "levels"  # the folder of a run with its copies

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.levels.level import Level
+from railctl.common.levels.level import Level
 
 
 def usable_headings(level: Level) -> NDArray[np.int32]:

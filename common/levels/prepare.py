@@ -5,14 +5,14 @@ Drawing large evaluation levels takes seconds, so it is done once, with progress
 
 from pathlib import Path
 
-from common.levels.build import OnProgress, build
-from common.levels.check import check
-from common.levels.distributions import AnyLevels, LevelFiles
-from common.levels.held_out import AllHeldOutError, draw_hashes, is_prepared, write_hashes
-from common.levels.level import InfeasibleLevelError
-from common.levels.supply import LevelSupply
-from common.seeding import evaluation_level_seed, training_level_seed
-from common.strict import ConfigError
+from railctl.common.levels.build import OnProgress, build
+from railctl.common.levels.check import check
+from railctl.common.levels.distributions import AnyLevels, LevelFiles
+from railctl.common.levels.held_out import AllHeldOutError, draw_hashes, is_prepared, write_hashes
+from railctl.common.levels.level import InfeasibleLevelError
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.seeding import evaluation_level_seed, training_level_seed
+from railctl.common.strict import ConfigError
 
 SAMPLE = 3  # training levels that must be there
 

@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import NamedTuple
 
-from common.bounded import open_at_once
-from common.levels import files
-from common.levels.files import ARCHIVE, Groups
-from common.levels.flatland.reading import read_level
-from common.levels.level import Level
+from railctl.common.bounded import open_at_once
+from railctl.common.levels import files
+from railctl.common.levels.files import ARCHIVE, Groups
+from railctl.common.levels.flatland.reading import read_level
+from railctl.common.levels.level import Level
 
 DOCUMENTS = {*range(0x80, 0x90), 0xDE, 0xDF}  # begin a pickle, and a dictionary in msgpack
 

@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter
 
-from common.levels.distributions import AnyLevels, LevelName
-from common.strict import Strict
+from railctl.common.levels.distributions import AnyLevels, LevelName
+from railctl.common.strict import Strict
 
 MOST_PROCESSES = 1024
 MOST_LEVELS = 500_000  # of a file

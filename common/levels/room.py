@@ -9,8 +9,8 @@ is possible. Where the library can do it, nothing differs from it.
 from math import ceil
 from typing import NamedTuple
 
-from common.levels.distributions import Generated, LegacyLevels
-from common.strict import ConfigError
+from railctl.common.levels.distributions import Generated, LegacyLevels
+from railctl.common.strict import ConfigError
 
 PADDING = 2  # cells around the rails of a city, on every side, if there is room
 MARGIN = 2  # of the grid, in which there are no cities

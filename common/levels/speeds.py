@@ -6,8 +6,8 @@ from math import lcm
 
 from numpy import isclose
 
-from common.levels.distributions import Generated, StockLevels
-from common.strict import ConfigError
+from railctl.common.levels.distributions import Generated, StockLevels
+from railctl.common.strict import ConfigError
 
 NEAR = 1e-2  # of the inverse of a whole number, relative to it
 LARGEST_UNIT = 1 << 20  # the common denominator of the speeds of a level, at most

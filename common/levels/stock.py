@@ -14,15 +14,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.levels.compiled.layout import draw_layout
-from common.levels.compiled.trips import draw_classes, draw_departures, stock_trips
-from common.levels.compiled.twister import State, draw_uniform, seeded
-from common.levels.distributions import StockLevels
-from common.levels.legacy import LEVEL_TRIES
-from common.levels.level import InfeasibleLevelError, Level, Malfunctions, Schedule
-from common.levels.room import room_of
-from common.levels.speeds import speed_fraction
-from common.seeding import stream_key
+from railctl.common.levels.compiled.layout import draw_layout
+from railctl.common.levels.compiled.trips import draw_classes, draw_departures, stock_trips
+from railctl.common.levels.compiled.twister import State, draw_uniform, seeded
+from railctl.common.levels.distributions import StockLevels
+from railctl.common.levels.legacy import LEVEL_TRIES
+from railctl.common.levels.level import InfeasibleLevelError, Level, Malfunctions, Schedule
+from railctl.common.levels.room import room_of
+from railctl.common.levels.speeds import speed_fraction
+from railctl.common.seeding import stream_key
 
 SEED_BITS = (1 << 32) - 1  # what the library's generator takes
 

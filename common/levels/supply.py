@@ -6,16 +6,16 @@ Levels out of files are the run's own copy of them (`common.levels.own`).
 from collections.abc import Mapping
 from pathlib import Path
 
-from common.levels import held_out
-from common.levels.bank import LevelBank, bank_root
-from common.levels.chunks import key_of
-from common.levels.distributions import AnyLevels, Generated, LevelFiles, shipped
-from common.levels.generate import generate
-from common.levels.held_out import HeldOut
-from common.levels.level import Level
-from common.levels.own import LEVELS, OwnLevels, read_level_files
-from common.seeding import evaluation_level_seed
-from common.strict import ConfigError
+from railctl.common.levels import held_out
+from railctl.common.levels.bank import LevelBank, bank_root
+from railctl.common.levels.chunks import key_of
+from railctl.common.levels.distributions import AnyLevels, Generated, LevelFiles, shipped
+from railctl.common.levels.generate import generate
+from railctl.common.levels.held_out import HeldOut
+from railctl.common.levels.level import Level
+from railctl.common.levels.own import LEVELS, OwnLevels, read_level_files
+from railctl.common.seeding import evaluation_level_seed
+from railctl.common.strict import ConfigError
 
 
 class LevelSupply:

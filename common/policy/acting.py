@@ -11,10 +11,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from common.policy.choosing import draw_counter
-from common.policy.networks import QNetwork
-from common.rail.interlocking.signals import ALL_ACTIONS
-from common.seeding import uniform
+from railctl.common.policy.choosing import draw_counter
+from railctl.common.policy.networks import QNetwork
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS
+from railctl.common.seeding import uniform
 
 
 class EpsilonGreedy:

@@ -12,9 +12,9 @@ import itertools
 import torch
 from torch import Tensor, nn
 
-from common.policy.first_weights import first_actor_critic
-from common.policy.networks import import_parameters, linear_layer
-from common.rules.settings import NetworkConfig
+from railctl.common.policy.first_weights import first_actor_critic
+from railctl.common.policy.networks import import_parameters, linear_layer
+from railctl.common.rules.settings import NetworkConfig
 
 
 class ActorCritic(nn.Module):

@@ -11,7 +11,7 @@ Method: shrink the argument by a power of two until few terms of the Taylor seri
 
 import numpy as np
 
-from common.kernel import bare_kernel
+from railctl.common.kernel import bare_kernel
 
 Real = float | np.float64  # compiled, `float` of a float32 would stay one
 LARGEST_EXPONENT = 104.0  # beyond, exp is zero or infinite in float32

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from common import checkpoint
-from common.checkpoint import CheckpointError
-from common.config import RunConfig, config_of_science
-from common.policy.compiled import Chooser
-from common.policy.player import chooser_of
-from common.strict import ConfigError
+from railctl.common import checkpoint
+from railctl.common.checkpoint import CheckpointError
+from railctl.common.config import RunConfig, config_of_science
+from railctl.common.policy.compiled import Chooser
+from railctl.common.policy.player import chooser_of
+from railctl.common.strict import ConfigError
 
 
 @dataclass(frozen=True)

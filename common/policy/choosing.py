@@ -9,10 +9,10 @@ episode's stream of exploration, at its counter (`draw_counter`) and the one aft
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.policy.arithmetic import Real, exp, log
-from common.policy.packing import ACTOR_CRITIC, EXITS
-from common.policy.streams import uniform
+from railctl.common.kernel import bare_kernel
+from railctl.common.policy.arithmetic import Real, exp, log
+from railctl.common.policy.packing import ACTOR_CRITIC, EXITS
+from railctl.common.policy.streams import uniform
 
 NOTHING = -1
 _ONE = np.uint64(1)

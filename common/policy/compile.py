@@ -1,21 +1,21 @@
-"""python -m common.policy.compile: compiles levels, world and twins, so that no actor's first start has to.
+"""python -m railctl.common.policy.compile: compiles levels, world and twins, so that no actor's first start has to.
 
 The machine code is kept beside the sources, or in the user's cache where those cannot be written.
 """
 
 import numpy as np
 
-from common.levels.distributions import StockLevels, shipped
-from common.levels.generate import generate
-from common.levels.supply import LevelSupply
-from common.policy.compiled import Twin
-from common.policy.networks import build_network, export_parameters
-from common.policy.player import Acting, compiled_world, network_layout, play
-from common.policy.rollout import Rollouts
-from common.rail.interlocking.signals import ALL_ACTIONS
-from common.rules.settings import NetworkConfig
-from common.task import carry_out
-from common.world import WorldSpec
+from railctl.common.levels.distributions import StockLevels, shipped
+from railctl.common.levels.generate import generate
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.networks import build_network, export_parameters
+from railctl.common.policy.player import Acting, compiled_world, network_layout, play
+from railctl.common.policy.rollout import Rollouts
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.task import carry_out
+from railctl.common.world import WorldSpec
 
 
 def main() -> None:

@@ -6,13 +6,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import kernel
-from common.policy.choosing import NOTHING, choose, draw_counter, is_policy, log_probability
-from common.policy.flat import Arrays
-from common.policy.packing import Layout
-from common.policy.twin import forward
-from common.rail.interlocking.signals import ALL_ACTIONS
-from common.rail.play import Choose, Decision
+from railctl.common.kernel import kernel
+from railctl.common.policy.choosing import NOTHING, choose, draw_counter, is_policy, log_probability
+from railctl.common.policy.flat import Arrays
+from railctl.common.policy.packing import Layout
+from railctl.common.policy.twin import forward
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS
+from railctl.common.rail.play import Choose, Decision
 
 
 class Choices(NamedTuple):

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from common.rail.observations.traffic_shape import N_EXIT, N_MEETING, N_OTHER, N_TRAIN
+from railctl.common.rail.observations.traffic_shape import N_EXIT, N_MEETING, N_OTHER, N_TRAIN
 
 N_STAYS: Final = 2  # actions that are no exits: to do nothing, to stop
 NO_EXIT: Final = -10.0  # the logit of an exit that is not there

@@ -16,11 +16,11 @@ import math
 import torch
 from torch import Tensor, nn
 
-from common.policy.exit_layers import NO_EXIT, exit_layers
-from common.policy.first_weights import first_exits
-from common.policy.networks import import_parameters, linear_layer
-from common.rail.observations.traffic_shape import N_EXIT, N_EXITS, N_MEETING, N_OTHER, N_TRAIN
-from common.rules.settings import NetworkConfig
+from railctl.common.policy.exit_layers import NO_EXIT, exit_layers
+from railctl.common.policy.first_weights import first_exits
+from railctl.common.policy.networks import import_parameters, linear_layer
+from railctl.common.rail.observations.traffic_shape import N_EXIT, N_EXITS, N_MEETING, N_OTHER, N_TRAIN
+from railctl.common.rules.settings import NetworkConfig
 
 FAR_BELOW = -1e9  # a score whose weight is 0
 

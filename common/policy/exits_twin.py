@@ -10,13 +10,21 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.policy.arithmetic import Real, exp, tanh32
-from common.policy.exit_layers import N_STAYS, NO_EXIT
-from common.policy.layers import add_rows, bounded, head, linear, nonzeros
-from common.policy.packing import BLOCK, HEADER_WIDTHS
-from common.rail.observations.traffic_shape import EXITS_END, N_EXIT, N_EXITS, N_MEETING, N_OTHER, N_ROW, N_TRAIN
-from common.rail.world import DO_NOTHING, MOVE_LEFT, STOP_MOVING
+from railctl.common.kernel import bare_kernel
+from railctl.common.policy.arithmetic import Real, exp, tanh32
+from railctl.common.policy.exit_layers import N_STAYS, NO_EXIT
+from railctl.common.policy.layers import add_rows, bounded, head, linear, nonzeros
+from railctl.common.policy.packing import BLOCK, HEADER_WIDTHS
+from railctl.common.rail.observations.traffic_shape import (
+    EXITS_END,
+    N_EXIT,
+    N_EXITS,
+    N_MEETING,
+    N_OTHER,
+    N_ROW,
+    N_TRAIN,
+)
+from railctl.common.rail.world import DO_NOTHING, MOVE_LEFT, STOP_MOVING
 
 _Floats = NDArray[np.float32]
 _Ints = NDArray[np.int64]

@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.policy.exit_layers import exit_layers
-from common.policy.orthogonal import orthogonal
-from common.policy.packing import GATES
-from common.rules.settings import NetworkConfig
-from common.seeding import stream_key
+from railctl.common.policy.exit_layers import exit_layers
+from railctl.common.policy.orthogonal import orthogonal
+from railctl.common.policy.packing import GATES
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.seeding import stream_key
 
 Weights = dict[str, NDArray[np.float32]]
 Shape = tuple[int, ...]

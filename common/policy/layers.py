@@ -17,9 +17,9 @@ layer returns where it ends.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.policy.arithmetic import tanh32
-from common.policy.packing import BLOCK
+from railctl.common.kernel import bare_kernel
+from railctl.common.policy.arithmetic import tanh32
+from railctl.common.policy.packing import BLOCK
 
 _Floats = NDArray[np.float32]
 _Ints = NDArray[np.int64]

@@ -5,14 +5,14 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from common.config import RunConfig
-from common.levels.supply import LevelSupply
-from common.policy.compiled import Chooser
-from common.policy.player import Acting, Players
-from common.rail.planning.judging import Teacher
-from common.records.acting import Lease
-from common.records.course import Course
-from common.seeding import stream_key, training_malfunction_seed
+from railctl.common.config import RunConfig
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.compiled import Chooser
+from railctl.common.policy.player import Acting, Players
+from railctl.common.rail.planning.judging import Teacher
+from railctl.common.records.acting import Lease
+from railctl.common.records.course import Course
+from railctl.common.seeding import stream_key, training_malfunction_seed
 
 
 class LeasePlayer:

@@ -9,10 +9,10 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from common.policy.compiled import Chooser
-from common.policy.flat import Arrays
-from common.policy.networks import import_parameters
-from common.policy.packing import ACTOR_CRITIC, HEADER_WIDTHS, PLAIN
+from railctl.common.policy.compiled import Chooser
+from railctl.common.policy.flat import Arrays
+from railctl.common.policy.networks import import_parameters
+from railctl.common.policy.packing import ACTOR_CRITIC, HEADER_WIDTHS, PLAIN
 
 
 class ModuleChooser(Chooser):

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from common.policy.flat import Arrays
+from railctl.common.policy.flat import Arrays
 
 
 def copies(arrays: Arrays) -> dict[str, NDArray[np.float32]]:

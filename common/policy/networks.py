@@ -18,9 +18,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from common.policy.first_weights import first_values
-from common.policy.named import check_fit, copies
-from common.rules.settings import NetworkConfig
+from railctl.common.policy.first_weights import first_values
+from railctl.common.policy.named import check_fit, copies
+from railctl.common.rules.settings import NetworkConfig
 
 
 def dueling_values(value: Tensor, advantage: Tensor) -> Tensor:

@@ -9,8 +9,8 @@ diagonal factors are positive, the matrices are uniformly distributed over the o
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.policy.streams import normals
+from railctl.common.kernel import bare_kernel
+from railctl.common.policy.streams import normals
 
 
 def orthogonal(n_out: int, n_in: int, gain: float, key: int) -> NDArray[np.float32]:

@@ -26,8 +26,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from common.policy.exit_layers import Layer, exit_layers
-from common.policy.flat import Arrays, Order, Place, even
+from railctl.common.policy.exit_layers import Layer, exit_layers
+from railctl.common.policy.flat import Arrays, Order, Place, even
 
 Kind = Literal["plain", "dueling", "actor-critic", "recurrent", "exits", "dueling-apart"]
 PLAIN, DUELING, ACTOR_CRITIC, RECURRENT, EXITS, DUELING_APART = range(6)

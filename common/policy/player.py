@@ -6,18 +6,18 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.config import RunConfig
-from common.levels.distributions import Rules
-from common.levels.level import Level
-from common.policy.compiled import Chooser, Twin
-from common.policy.packing import Layout
-from common.rail.compiled.world import CompiledWorld
-from common.rail.planning.judging import Teacher
-from common.rail.play import Stage
-from common.rail.world import N_ACTIONS
-from common.records.course import Course
-from common.rules.settings import NetworkConfig
-from common.world import WorldSpec
+from railctl.common.config import RunConfig
+from railctl.common.levels.distributions import Rules
+from railctl.common.levels.level import Level
+from railctl.common.policy.compiled import Chooser, Twin
+from railctl.common.policy.packing import Layout
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.planning.judging import Teacher
+from railctl.common.rail.play import Stage
+from railctl.common.rail.world import N_ACTIONS
+from railctl.common.records.course import Course
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.world import WorldSpec
 
 NO_ACTIONS = np.zeros(0, np.int8)
 Engine = Literal["compiled", "flatland"]
@@ -81,11 +81,11 @@ def player(  # noqa: PLR0913  (a world, and what plays it)
     twin choose step by step on either engine. Each engine spares the other's imports.
     """
     if engine == "compiled":
-        from common.policy.rollout import Rollouts  # noqa: PLC0415
+        from railctl.common.policy.rollout import Rollouts  # noqa: PLC0415
 
         compiled = compiled_world(world, rules, max_trains)
         return Rollouts(compiled, on_step) if has_twin else Stepped(Stage(compiled, on_step))
-    from common.rail.flatland_world import FlatlandWorld  # noqa: PLC0415
+    from railctl.common.rail.flatland_world import FlatlandWorld  # noqa: PLC0415
 
     return Stepped(Stage(FlatlandWorld(1, max_trains, **conditions(world, rules)), on_step))
 
@@ -114,7 +114,7 @@ def chooser_of(config: RunConfig) -> Chooser:
     module = config.learning.module(n_features, N_ACTIONS, config.seed)
     if module is None:
         return Twin(network_layout(config.learning.network, n_features))
-    from common.policy.modules import ModuleChooser  # noqa: PLC0415  (torch takes seconds)
+    from railctl.common.policy.modules import ModuleChooser  # noqa: PLC0415  (torch takes seconds)
 
     return ModuleChooser(module, n_features, N_ACTIONS, is_policy=config.learning.has_probabilities)
 

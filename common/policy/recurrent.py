@@ -10,9 +10,9 @@ import itertools
 import torch
 from torch import Tensor, nn
 
-from common.policy.first_weights import first_recurrent
-from common.policy.networks import dueling_values, import_parameters, linear_layer
-from common.rules.settings import NetworkConfig
+from railctl.common.policy.first_weights import first_recurrent
+from railctl.common.policy.networks import dueling_values, import_parameters, linear_layer
+from railctl.common.rules.settings import NetworkConfig
 
 State = tuple[Tensor, Tensor]  # hidden and cell state, [B, H] each
 

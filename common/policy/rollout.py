@@ -11,21 +11,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
-from common.levels.level import Level
-from common.policy.choosing import choose, draw_counter, is_policy, log_probability
-from common.policy.compiled import Twin
-from common.policy.player import NO_ACTIONS, Acting
-from common.policy.twin import forward_row, workspace_size
-from common.rail.compiled.batches import step_all
-from common.rail.compiled.world import CompiledWorld, Parts
-from common.rail.interlocking.asking import allowed, begin, grant, next_asked
-from common.rail.interlocking.signals import ALL_ACTIONS, OFF
-from common.rail.observations.table import look
-from common.rail.planning.advising import Desk, desk_for, new_desk
-from common.rail.planning.judging import Teacher, judge
-from common.rail.world import MOVE_FORWARD
-from common.records.course import NONE, Course, Decisions, columns
+from railctl.common.kernel import bare_kernel, kernel
+from railctl.common.levels.level import Level
+from railctl.common.policy.choosing import choose, draw_counter, is_policy, log_probability
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.player import NO_ACTIONS, Acting
+from railctl.common.policy.twin import forward_row, workspace_size
+from railctl.common.rail.compiled.batches import step_all
+from railctl.common.rail.compiled.world import CompiledWorld, Parts
+from railctl.common.rail.interlocking.asking import allowed, begin, grant, next_asked
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS, OFF
+from railctl.common.rail.observations.table import look
+from railctl.common.rail.planning.advising import Desk, desk_for, new_desk
+from railctl.common.rail.planning.judging import Teacher, judge
+from railctl.common.rail.world import MOVE_FORWARD
+from railctl.common.records.course import NONE, Course, Decisions, columns
 
 ROOM_BYTES = 8 << 20  # of what is noted before Python takes it away: the study's episodes fit in
 ROOM_STEPS = 2048

@@ -7,9 +7,9 @@ callers convert first.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.policy.arithmetic import log
-from common.seeding import GAMMA
+from railctl.common.kernel import bare_kernel
+from railctl.common.policy.arithmetic import log
+from railctl.common.seeding import GAMMA
 
 _GAMMA = np.uint64(GAMMA)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)

@@ -4,11 +4,20 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
-from common.policy.arithmetic import sigmoid, tanh
-from common.policy.exits_twin import exits_room, forward_exits
-from common.policy.layers import add_rows, nonzeros, perceptron
-from common.policy.packing import ACTOR_CRITIC, BLOCK, DUELING, DUELING_APART, EXITS, GATES, HEADER_WIDTHS, RECURRENT
+from railctl.common.kernel import bare_kernel, kernel
+from railctl.common.policy.arithmetic import sigmoid, tanh
+from railctl.common.policy.exits_twin import exits_room, forward_exits
+from railctl.common.policy.layers import add_rows, nonzeros, perceptron
+from railctl.common.policy.packing import (
+    ACTOR_CRITIC,
+    BLOCK,
+    DUELING,
+    DUELING_APART,
+    EXITS,
+    GATES,
+    HEADER_WIDTHS,
+    RECURRENT,
+)
 
 _Floats = NDArray[np.float32]
 _Ints = NDArray[np.int64]

@@ -6,11 +6,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, SINGLE, Batch
-from common.rail.interlocking.asking import allowed, begin, grant, next_asked
-from common.rail.interlocking.signals import ALL_ACTIONS, OFF, SAFE, Signals
-from common.rail.world import DO_NOTHING, MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, SINGLE, Batch
+from railctl.common.rail.interlocking.asking import allowed, begin, grant, next_asked
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS, OFF, SAFE, Signals
+from railctl.common.rail.world import DO_NOTHING, MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT
 
 
 class Asking(Protocol):

@@ -24,10 +24,10 @@ from flatland.envs.rewards import Rewards
 from flatland.envs.step_utils.speed_counter import SpeedCounter
 from flatland.envs.step_utils.states import TrainState
 
-from common.levels.distributions import Rules
-from common.levels.level import Level
-from common.rail.plain_env import StartReady, line_of, timetable_of
-from common.rail.world import DO_NOTHING, MOVE_FORWARD, STOP_MOVING
+from railctl.common.levels.distributions import Rules
+from railctl.common.levels.level import Level
+from railctl.common.rail.plain_env import StartReady, line_of, timetable_of
+from railctl.common.rail.world import DO_NOTHING, MOVE_FORWARD, STOP_MOVING
 
 ACTIONS = [RailEnvActions.from_value(action) for action in range(5)]
 

@@ -7,15 +7,15 @@ from flatland.envs.observations import GlobalObsForRailEnv
 from flatland.envs.step_utils.states import TrainState
 from numpy.typing import NDArray
 
-from common.levels.distributions import Bounds, Rules
-from common.levels.level import Level
-from common.rail.legacy_tree import LegacyTree
-from common.rail.library_tree import LibraryTree
-from common.rail.normalise import normalise
-from common.rail.observations.global_map import GlobalObservation
-from common.rail.observations.maps import CHANNELS, LONG_MALFUNCTION_STEPS, MANY_TRAINS
-from common.rail.observations.table import AnyObservation
-from common.rail.observations.tree import TreeObservation
+from railctl.common.levels.distributions import Bounds, Rules
+from railctl.common.levels.level import Level
+from railctl.common.rail.legacy_tree import LegacyTree
+from railctl.common.rail.library_tree import LibraryTree
+from railctl.common.rail.normalise import normalise
+from railctl.common.rail.observations.global_map import GlobalObservation
+from railctl.common.rail.observations.maps import CHANNELS, LONG_MALFUNCTION_STEPS, MANY_TRAINS
+from railctl.common.rail.observations.table import AnyObservation
+from railctl.common.rail.observations.tree import TreeObservation
 
 
 class FlatlandSight(Protocol):

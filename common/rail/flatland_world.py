@@ -14,21 +14,21 @@ from flatland.envs.rewards import DefaultRewards
 from flatland.envs.step_utils.states import TrainState
 from numpy.typing import NDArray
 
-from common.levels.distributions import Bounds, Rules
-from common.levels.level import Level
-from common.rail.asking import Asking, Free
-from common.rail.compiled.decisions import Decisions
-from common.rail.compiled.world import STUDY_REWARD, STUDY_TREE
-from common.rail.decisions import decision_cells
-from common.rail.flatland_env import ACTIONS, LegacyActions, LevelEnv, StudyRewards
-from common.rail.flatland_sights import LegacyTrees, sight_of
-from common.rail.interlocking.signals import ALL_ACTIONS, Interlocking
-from common.rail.mirror import Mirror
-from common.rail.observations.table import AnyObservation
-from common.rail.orders import orders_of
-from common.rail.planning.judging import Teacher
-from common.rail.rewards.table import AnyReward
-from common.rail.world import MOVE_FORWARD, check_level
+from railctl.common.levels.distributions import Bounds, Rules
+from railctl.common.levels.level import Level
+from railctl.common.rail.asking import Asking, Free
+from railctl.common.rail.compiled.decisions import Decisions
+from railctl.common.rail.compiled.world import STUDY_REWARD, STUDY_TREE
+from railctl.common.rail.decisions import decision_cells
+from railctl.common.rail.flatland_env import ACTIONS, LegacyActions, LevelEnv, StudyRewards
+from railctl.common.rail.flatland_sights import LegacyTrees, sight_of
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS, Interlocking
+from railctl.common.rail.mirror import Mirror
+from railctl.common.rail.observations.table import AnyObservation
+from railctl.common.rail.orders import orders_of
+from railctl.common.rail.planning.judging import Teacher
+from railctl.common.rail.rewards.table import AnyReward
+from railctl.common.rail.world import MOVE_FORWARD, check_level
 
 
 @dataclass(frozen=True)

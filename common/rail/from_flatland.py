@@ -10,7 +10,7 @@ import numpy as np
 from flatland.envs.malfunction_effects_generators import MalfunctionEffectsGenerator
 from flatland.envs.rail_env import RailEnv
 
-from common.levels.level import Level, Malfunctions, Schedule
+from railctl.common.levels.level import Level, Malfunctions, Schedule
 
 
 class UnsupportedEnvironmentError(ValueError):

@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.levels.level import Level
-from common.rail.compiled.tree import N_NODE_FEATURES, nodes_of
-from common.rail.decisions import STEPS, exits
+from railctl.common.levels.level import Level
+from railctl.common.rail.compiled.tree import N_NODE_FEATURES, nodes_of
+from railctl.common.rail.decisions import STEPS, exits
 
 PREDICTED_STEPS = 30
 NO_MALFUNCTION, FULL_SPEED = 0.0, 1.0

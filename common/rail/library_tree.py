@@ -7,7 +7,7 @@ from flatland.envs.observations import TreeObsForRailEnv
 from flatland.envs.rail_env import RailEnv
 from numpy.typing import NDArray
 
-from common.rail.compiled.tree import N_NODE_FEATURES, nodes_of
+from railctl.common.rail.compiled.tree import N_NODE_FEATURES, nodes_of
 
 
 class LibraryTree:

@@ -8,18 +8,18 @@ from flatland.envs.rail_env import RailEnv
 from flatland.envs.step_utils.states import TrainState
 from numpy.typing import NDArray
 
-from common.levels.distributions import Bounds, Rules
-from common.levels.level import Level
-from common.rail.asking import Asking, asking_of, unasked
-from common.rail.compiled.arrays import IS_OCCUPIED, NOTHING, NOWHERE
-from common.rail.compiled.batches import bind
-from common.rail.compiled.decisions import Decisions
-from common.rail.compiled.world import CompiledWorld
-from common.rail.flatland_env import LegacyActions
-from common.rail.interlocking.signals import Interlocking
-from common.rail.observations.table import AnyObservation, header_of, look
-from common.rail.planning.judging import Teacher
-from common.rail.rewards.table import AnyReward, pay
+from railctl.common.levels.distributions import Bounds, Rules
+from railctl.common.levels.level import Level
+from railctl.common.rail.asking import Asking, asking_of, unasked
+from railctl.common.rail.compiled.arrays import IS_OCCUPIED, NOTHING, NOWHERE
+from railctl.common.rail.compiled.batches import bind
+from railctl.common.rail.compiled.decisions import Decisions
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.flatland_env import LegacyActions
+from railctl.common.rail.interlocking.signals import Interlocking
+from railctl.common.rail.observations.table import AnyObservation, header_of, look
+from railctl.common.rail.planning.judging import Teacher
+from railctl.common.rail.rewards.table import AnyReward, pay
 
 STANDING = (TrainState.READY_TO_DEPART, TrainState.STOPPED, TrainState.MALFUNCTION, TrainState.MALFUNCTION_OFF_MAP)
 

@@ -27,7 +27,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from common.levels.distributions import Bounds
+from railctl.common.levels.distributions import Bounds
 
 N_NODES: Final = 21  # of depth 2: root, then left, forward, right, back, each followed by its own four, pre-order
 N_NODE_FEATURES: Final = 12

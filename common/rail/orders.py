@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.levels.level import Level, Schedule
+from railctl.common.levels.level import Level, Schedule
 
 LARGEST_UNIT = 1 << 20
 ALL_HEADINGS = 15

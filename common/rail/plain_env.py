@@ -14,7 +14,7 @@ from flatland.envs.rail_trainrun_data_structures import Waypoint
 from flatland.envs.step_utils.states import TrainState
 from flatland.envs.timetable_utils import Line, Timetable
 
-from common.levels.level import Level
+from railctl.common.levels.level import Level
 
 ALL_HEADINGS = 15
 

@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.levels.level import Level
-from common.rail.interlocking.signals import ALL_ACTIONS
-from common.rail.planning.judging import Teacher
-from common.rail.world import MOVE_FORWARD, World
-from common.records.course import NONE, Course, Decisions
+from railctl.common.levels.level import Level
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS
+from railctl.common.rail.planning.judging import Teacher
+from railctl.common.rail.world import MOVE_FORWARD, World
+from railctl.common.records.course import NONE, Course, Decisions
 
 
 class Decision(NamedTuple):

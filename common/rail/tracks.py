@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.rail.decisions import STEPS, exits
+from railctl.common.rail.decisions import STEPS, exits
 
 # Okabe & Ito's colours, told apart by everybody, then darker relatives for many trains.
 COLOURS: Final = (

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.levels.distributions import Bounds
-from common.levels.level import Level
+from railctl.common.levels.distributions import Bounds
+from railctl.common.levels.level import Level
 
 if TYPE_CHECKING:
-    from common.rail.asking import Asking
-    from common.rail.planning.judging import Teacher
+    from railctl.common.rail.asking import Asking
+    from railctl.common.rail.planning.judging import Teacher
 
 N_ACTIONS = 5
 DO_NOTHING, MOVE_LEFT, MOVE_FORWARD, MOVE_RIGHT, STOP_MOVING = range(N_ACTIONS)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from common.levels.distributions import LevelName
-from common.records.base import Array, Count, Name, Record
-from common.records.course import Course, check_range
+from railctl.common.levels.distributions import LevelName
+from railctl.common.records.base import Array, Count, Name, Record
+from railctl.common.records.course import Course, check_range
 
 PLAIN = {bool, int, float, str, NoneType}  # what is surely no record: to ask pydantic takes longer
 UNSAID_IF_EMPTY = "following"  # came last, and most runs do without: their digests are as they were before

@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from common.records.base import Count, Record
+from railctl.common.records.base import Count, Record
 
 
 class CheckpointNotice(Record):

@@ -4,9 +4,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from common.config import MAX_ACTORS
-from common.levels.distributions import LevelName
-from common.records.base import Count, Name, Record, Role, Text
+from railctl.common.config import MAX_ACTORS
+from railctl.common.levels.distributions import LevelName
+from railctl.common.records.base import Count, Name, Record, Role, Text
 
 
 class Empty(Record):

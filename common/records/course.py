@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from common.levels.level import MOST_STEPS
-from common.records.base import Array, Digest, Record
+from railctl.common.levels.level import MOST_STEPS
+from railctl.common.records.base import Array, Digest, Record
 
 NONE = -1  # not arrived; no advice
 

@@ -4,8 +4,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from common.levels.distributions import LevelName
-from common.records.base import Count, Name, Record, Role
+from railctl.common.levels.distributions import LevelName
+from railctl.common.records.base import Count, Name, Record, Role
 
 
 class LearnerReport(Record):

@@ -4,8 +4,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from common.levels.distributions import LevelName
-from common.records.base import Record, Text
+from railctl.common.levels.distributions import LevelName
+from railctl.common.records.base import Record, Text
 
 MOST_LEVEL_BYTES = 200_000_000
 Namespace = Annotated[str, Field(pattern=r"^railctl/[0-9a-f]{1,32}$")]

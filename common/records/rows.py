@@ -4,9 +4,9 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from common.levels.distributions import LevelName
-from common.records.base import Count, Digest, Name, Record, Text
-from common.rules.settings import Mode
+from railctl.common.levels.distributions import LevelName
+from railctl.common.records.base import Count, Digest, Name, Record, Text
+from railctl.common.rules.settings import Mode
 
 EventKind = Literal[
     "started",

@@ -8,8 +8,8 @@ import pkgutil
 from functools import cache
 from typing import cast
 
-from common.rules.settings import RuleSettings
-from common.strict import ConfigError, nearest, shortened
+from railctl.common.rules.settings import RuleSettings
+from railctl.common.strict import ConfigError, nearest, shortened
 
 _SHARED = ("settings", "replay", "values", "policies")  # what several rules are made of
 
@@ -29,4 +29,4 @@ def settings_of(rule: str) -> type[RuleSettings]:
     """
     if rule not in rules():
         raise ConfigError(f"unknown rule {shortened(rule)}{nearest(str(rule), list(rules()))}")
-    return cast("type[RuleSettings]", importlib.import_module(f"common.rules.{rule}").Settings)
+    return cast("type[RuleSettings]", importlib.import_module(f"railctl.common.rules.{rule}").Settings)

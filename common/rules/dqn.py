@@ -2,8 +2,8 @@
 
 from typing import Literal
 
-from common.rules.settings import NetworkConfig
-from common.rules.values import ValueSettings
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.rules.values import ValueSettings
 
 
 class QNetworkConfig(NetworkConfig):

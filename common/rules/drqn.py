@@ -4,8 +4,8 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from common.rules.settings import NetworkConfig
-from common.rules.values import DqnConfig, ValueSettings
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.rules.values import DqnConfig, ValueSettings
 
 
 class RecurrentConfig(NetworkConfig):

@@ -4,9 +4,9 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from common.rules.policies import ActorCriticConfig, ActorCriticSettings
-from common.rules.replay import UniformReplay, check_batch
-from common.strict import Positive, Share, Strict
+from railctl.common.rules.policies import ActorCriticConfig, ActorCriticSettings
+from railctl.common.rules.replay import UniformReplay, check_batch
+from railctl.common.strict import Positive, Share, Strict
 
 
 class TeacherConfig(Strict):

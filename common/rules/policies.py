@@ -4,8 +4,8 @@ from typing import ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from common.rules.settings import NetworkConfig, RuleSettings, StartFrom
-from common.strict import Positive, Strict
+from railctl.common.rules.settings import NetworkConfig, RuleSettings, StartFrom
+from railctl.common.strict import Positive, Strict
 
 
 class ActorCriticConfig(NetworkConfig):

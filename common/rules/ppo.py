@@ -1,6 +1,6 @@
 """Settings of the rule `ppo`."""
 
-from common.rules.policies import ActorCriticConfig, PolicySettings
+from railctl.common.rules.policies import ActorCriticConfig, PolicySettings
 
 
 class Settings(PolicySettings):

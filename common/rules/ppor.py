@@ -4,8 +4,8 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from common.rules.policies import ActorCriticConfig, PolicySettings, PpoConfig
-from common.rules.replay import UniformReplay, check_batch
+from railctl.common.rules.policies import ActorCriticConfig, PolicySettings, PpoConfig
+from railctl.common.rules.replay import UniformReplay, check_batch
 
 
 class ReplayedPpoConfig(PpoConfig):

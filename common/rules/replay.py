@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, Tag, model_validator
 
-from common.strict import Strict, by_kind
+from railctl.common.strict import Strict, by_kind
 
 
 class UniformReplay(Strict):

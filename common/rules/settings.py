@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from common.strict import Strict
+from railctl.common.strict import Strict
 
 Mode = Literal["greedy", "sample"]  # how a network is scored
 START_FILE, DEMONSTRATIONS_FILE = "start.safetensors", "start.demonstrations"  # a run's own copies

@@ -4,10 +4,10 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from common.rules.policies import ActorCriticConfig, PolicySettings
-from common.rules.replay import PrioritizedReplay, check_batch
-from common.rules.settings import Demonstrations
-from common.strict import Strict
+from railctl.common.rules.policies import ActorCriticConfig, PolicySettings
+from railctl.common.rules.replay import PrioritizedReplay, check_batch
+from railctl.common.rules.settings import Demonstrations
+from railctl.common.strict import Strict
 
 
 class SilConfig(Strict):

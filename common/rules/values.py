@@ -5,9 +5,9 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from common.rules.replay import AnyReplay, check_batch
-from common.rules.settings import RuleSettings
-from common.strict import Positive, Share, Strict
+from railctl.common.rules.replay import AnyReplay, check_batch
+from railctl.common.rules.settings import RuleSettings
+from railctl.common.strict import Positive, Share, Strict
 
 
 class DqnConfig(Strict):

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.records.base import Layout, Record, has_infinities, layout_of
-from common.wire.arrays import SPARSE_FROM, Refused, pack_sparse, shown
+from railctl.common.records.base import Layout, Record, has_infinities, layout_of
+from railctl.common.wire.arrays import SPARSE_FROM, Refused, pack_sparse, shown
 
 DType = np.dtype[Any]
 

@@ -13,9 +13,9 @@ from typing import Any, TypeVar
 from msgpack._cmsgpack import Packer, unpackb
 from pydantic import ValidationError
 
-from common.records.base import ARRAYS_FIT, Record
-from common.wire.arrays import ROOM, Refused, pack_array, unpack_array
-from common.wire.blocks import dtypes_of, put_together, take_apart
+from railctl.common.records.base import ARRAYS_FIT, Record
+from railctl.common.wire.arrays import ROOM, Refused, pack_array, unpack_array
+from railctl.common.wire.blocks import dtypes_of, put_together, take_apart
 
 __all__ = ["Refused", "decode", "encode", "encoding_of", "unpack"]
 
@@ -30,7 +30,7 @@ MOST_PROBLEMS = 100
 def encoding_of(record_type: type[Record]) -> str:
     """The Zenoh encoding that announces a message.
 
-    >>> from common.records.acting import Lease
+    >>> from railctl.common.records.acting import Lease
     >>> encoding_of(Lease)
     'application/msgpack;railctl.Lease.7'
     """

@@ -6,8 +6,8 @@ Only `RUN` is outside: who asks it does not know the run yet.
 from dataclasses import dataclass
 from typing import Generic, NamedTuple, TypeVar
 
-from common.records import acting, checkpoints, control, heartbeats, joining, rows
-from common.records.base import Record
+from railctl.common.records import acting, checkpoints, control, heartbeats, joining, rows
+from railctl.common.records.base import Record
 
 A = TypeVar("A", bound=Record)
 B = TypeVar("B", bound=Record)

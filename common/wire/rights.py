@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Any
 
-from common.tls import FarRole
-from common.wire import keys
-from common.wire.keys import Service, Topic
+from railctl.common.tls import FarRole
+from railctl.common.wire import keys
+from railctl.common.wire.keys import Service, Topic
 
 
 @dataclass(frozen=True)

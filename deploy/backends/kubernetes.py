@@ -9,10 +9,10 @@ from typing import Any
 
 import yaml
 
-from common.strict import ConfigError, shortened
-from common.task import WRONG_USAGE
-from deploy.placement import Placement, Size, joiner_size
-from deploy.whole_paths import files_of
+from railctl.common.strict import ConfigError, shortened
+from railctl.common.task import WRONG_USAGE
+from railctl.deploy.placement import Placement, Size, joiner_size
+from railctl.deploy.whole_paths import files_of
 
 # Kubernetes has stricter forms than we; the name of a Job, run-actors-level, may have 63 characters
 NAME_FORM = re.compile(r"[a-z]([a-z0-9-]{0,37}[a-z0-9])?")

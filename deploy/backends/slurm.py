@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 
-from deploy.placement import Placement, StudyPlacement
+from railctl.deploy.placement import Placement, StudyPlacement
 
 STOPS_BEFORE_S = 180  # the time limit: a run ends within two minutes, or is killed
 
@@ -54,7 +54,7 @@ def study_script(placement: StudyPlacement, runs: Path) -> str:
 def _script(asked: Mapping[str, object], words: Sequence[str], body: str) -> str:
     always = {"requeue": None, "open-mode": "append", "signal": f"B:USR1@{STOPS_BEFORE_S}"}
     lines = [f"#SBATCH --{key}" + ("" if value is None else f"={value}") for key, value in {**asked, **always}.items()]
-    shell = [(files("deploy.backends") / name).read_text() for name in ("slurm.sh", body)]
+    shell = [(files("railctl.deploy.backends") / name).read_text() for name in ("slurm.sh", body)]
     return "\n".join(["#!/bin/bash", *lines, "", *words, "", *shell])
 
 

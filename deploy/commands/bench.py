@@ -10,21 +10,21 @@ from typing import Annotated
 
 import typer
 
-from common.interpreter import run_worker
-from common.strict import ConfigError, nearest, shortened
-from deploy.output import AsJson, one_line_errors
-from deploy.plan import ENVIRONMENT
-from deploy.runs import Failed
-from deploy.task import end
+from railctl.common.interpreter import run_worker
+from railctl.common.strict import ConfigError, nearest, shortened
+from railctl.deploy.output import AsJson, one_line_errors
+from railctl.deploy.plan import ENVIRONMENT
+from railctl.deploy.runs import Failed
+from railctl.deploy.task import end
 
 BENCHES = {
-    "world": "tools.bench.world",
-    "policy": "tools.bench.policy",
-    "levels": "tools.bench.levels",
-    "learner": "tools.bench.learner",
-    "replay": "tools.bench.replay",
-    "cluster": "tools.bench.cluster",
-    "loop": "tools.bench.loop",
+    "world": "railctl.tools.bench.world",
+    "policy": "railctl.tools.bench.policy",
+    "levels": "railctl.tools.bench.levels",
+    "learner": "railctl.tools.bench.learner",
+    "replay": "railctl.tools.bench.replay",
+    "cluster": "railctl.tools.bench.cluster",
+    "loop": "railctl.tools.bench.loop",
 }
 WITH_WORLDS = ("world", "policy", "levels")  # that play so many worlds, or make so many levels
 TAKES = {

@@ -5,18 +5,18 @@ from typing import Annotated, Any, get_args
 
 import typer
 
-from common.levels.bank import bank_root
-from common.requests import MOST_EPISODES, DemonstrationRequest, Demonstrator
-from common.strict import ConfigError
-from deploy.commands.references import check_orders, found_checkpoint
-from deploy.commands.run_options import without_none
-from deploy.levels import prepare_levels
-from deploy.output import AsJson, counted, one_line_errors, say
-from deploy.resolve import algorithms, merge, parse_sets, read_file, resolve
-from deploy.runs import runs_root
-from deploy.task import run_task
+from railctl.common.levels.bank import bank_root
+from railctl.common.requests import MOST_EPISODES, DemonstrationRequest, Demonstrator
+from railctl.common.strict import ConfigError
+from railctl.deploy.commands.references import check_orders, found_checkpoint
+from railctl.deploy.commands.run_options import without_none
+from railctl.deploy.levels import prepare_levels
+from railctl.deploy.output import AsJson, counted, one_line_errors, say
+from railctl.deploy.resolve import algorithms, merge, parse_sets, read_file, resolve
+from railctl.deploy.runs import runs_root
+from railctl.deploy.task import run_task
 
-WRITER = "services.evaluator.demonstrate"
+WRITER = "railctl.services.evaluator.demonstrate"
 DEMONSTRATORS: tuple[str, ...] = get_args(Demonstrator)
 EPISODES = 100
 

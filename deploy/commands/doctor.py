@@ -13,23 +13,23 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from common.bus import Bus, NoAnswer, open_bus, open_router
-from common.private import private_endpoint, remove_endpoint
-from common.records.control import CommandAnswer, Empty
-from common.task import FAILED
-from common.wire.keys import Service
-from deploy.output import AsJson, console, one_line_errors, say
-from deploy.runs import Failed, runs_root
-from deploy.task import run_task
+from railctl.common.bus import Bus, NoAnswer, open_bus, open_router
+from railctl.common.private import private_endpoint, remove_endpoint
+from railctl.common.records.control import CommandAnswer, Empty
+from railctl.common.task import FAILED
+from railctl.common.wire.keys import Service
+from railctl.deploy.output import AsJson, console, one_line_errors, say
+from railctl.deploy.runs import Failed, runs_root
+from railctl.deploy.task import run_task
 
 GIB = 2**30
 NEEDED_MEMORY_GIB = 3.0
 NEEDED_DISK_GIB = 1.0
 ANSWER_TIMEOUT_S = 5.0
 COMPILERS = {
-    "the world and what acts in it": "common.policy.compile",
-    "what learns": "services.learner.compile",
-    "the reference policies": "services.evaluator.references.compile",
+    "the world and what acts in it": "railctl.common.policy.compile",
+    "what learns": "railctl.services.learner.compile",
+    "the reference policies": "railctl.services.evaluator.references.compile",
 }
 ECHO = Service("doctor", Empty, CommandAnswer)
 
@@ -148,7 +148,7 @@ def _ask_until_answered(bus: Bus, deadline: float) -> None:
 
 def _arithmetic() -> str:
     """Two fresh processes must end in the same network, bit for bit."""
-    digests = [run_task("services.learner.selfcheck")["digest"] for _ in range(2)]
+    digests = [run_task("railctl.services.learner.selfcheck")["digest"] for _ in range(2)]
     if digests[0] != digests[1]:
         raise Failed("the same updates ended in two different networks: resumed runs will not be exact here")
     return f"repeats bit for bit ({digests[0][:12]})"

@@ -6,15 +6,15 @@ from typing import Annotated
 
 import typer
 
-from common.bus import NoAnswer
-from common.folder import RunFolder
-from common.locks import holder, living
-from common.records.control import Empty
-from common.wire import keys
-from deploy.follow import wait_until
-from deploy.output import AsJson, RunName, one_line_errors, say
-from deploy.runs import Failed, find_run, reach, supervised
-from deploy.supervisor import STAGES
+from railctl.common.bus import NoAnswer
+from railctl.common.folder import RunFolder
+from railctl.common.locks import holder, living
+from railctl.common.records.control import Empty
+from railctl.common.wire import keys
+from railctl.deploy.follow import wait_until
+from railctl.deploy.output import AsJson, RunName, one_line_errors, say
+from railctl.deploy.runs import Failed, find_run, reach, supervised
+from railctl.deploy.supervisor import STAGES
 
 ASK_TIMEOUT_S = 3.0
 PATIENCE_S = 75.0

@@ -5,17 +5,17 @@ from typing import Annotated, Any
 
 import typer
 
-from common.levels.bank import bank_root
-from common.requests import EPISODES, LevelChoice, ReferenceRequest, ScoreRequest
-from common.strict import ConfigError
-from deploy.commands.references import REFERENCE_SCORER, REFERENCES, check_reference, found_checkpoint, heading
-from deploy.levels import levels_of_run_file
-from deploy.output import AsJson, console, one_line_errors, print_table, say
-from deploy.runs import runs_root
-from deploy.show import score_table
-from deploy.task import run_task
+from railctl.common.levels.bank import bank_root
+from railctl.common.requests import EPISODES, LevelChoice, ReferenceRequest, ScoreRequest
+from railctl.common.strict import ConfigError
+from railctl.deploy.commands.references import REFERENCE_SCORER, REFERENCES, check_reference, found_checkpoint, heading
+from railctl.deploy.levels import levels_of_run_file
+from railctl.deploy.output import AsJson, console, one_line_errors, print_table, say
+from railctl.deploy.runs import runs_root
+from railctl.deploy.show import score_table
+from railctl.deploy.task import run_task
 
-SCORER = "services.evaluator.score"
+SCORER = "railctl.services.evaluator.score"
 SEED = 0
 
 

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-from common.strict import ConfigError
-from deploy.far import credentials_for
-from deploy.join import join
-from deploy.output import console, one_line_errors
-from deploy.resolve import parse_actors
+from railctl.common.strict import ConfigError
+from railctl.deploy.far import credentials_for
+from railctl.deploy.join import join
+from railctl.deploy.output import console, one_line_errors
+from railctl.deploy.resolve import parse_actors
 
 
 @one_line_errors

@@ -2,10 +2,10 @@
 
 from typing import Literal
 
-from common.records.control import LearnerCommand
-from common.wire import keys
-from deploy.output import say
-from deploy.runs import find_run, reach
+from railctl.common.records.control import LearnerCommand
+from railctl.common.wire import keys
+from railctl.deploy.output import say
+from railctl.deploy.runs import find_run, reach
 
 TIMEOUT_S = 20.0  # a snapshot is written before the answer
 

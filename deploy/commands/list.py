@@ -3,16 +3,16 @@
 import time
 from typing import NamedTuple
 
-from common.folder import RunFolder
-from common.locks import living
-from common.recent import RECENT_EPISODES, mean_of
-from common.records.rows import EpisodeRow
-from common.rows import DamagedRows, last_rows
-from common.strict import ConfigError
-from deploy.follow import outcome_of
-from deploy.output import AsJson, console, one_line_errors, print_table, say
-from deploy.runs import all_runs, runs_root
-from deploy.show import duration, named_table, number
+from railctl.common.folder import RunFolder
+from railctl.common.locks import living
+from railctl.common.recent import RECENT_EPISODES, mean_of
+from railctl.common.records.rows import EpisodeRow
+from railctl.common.rows import DamagedRows, last_rows
+from railctl.common.strict import ConfigError
+from railctl.deploy.follow import outcome_of
+from railctl.deploy.output import AsJson, console, one_line_errors, print_table, say
+from railctl.deploy.runs import all_runs, runs_root
+from railctl.deploy.show import duration, named_table, number
 
 DAY_S = 86_400
 

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from common.folder import RunFolder
-from common.strict import ConfigError, nearest, shortened
-from deploy.output import AsJson, RunName, one_line_errors, say
-from deploy.runs import find_run
+from railctl.common.folder import RunFolder
+from railctl.common.strict import ConfigError, nearest, shortened
+from railctl.deploy.output import AsJson, RunName, one_line_errors, say
+from railctl.deploy.runs import find_run
 
 LOOK_S = 0.3
 MOST_LINES = 1_000_000

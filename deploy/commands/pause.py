@@ -1,7 +1,7 @@
 """railctl pause: hold a run: no new episodes, processes stay."""
 
-from deploy.commands.learner import ask_learner
-from deploy.output import AsJson, RunName, one_line_errors
+from railctl.deploy.commands.learner import ask_learner
+from railctl.deploy.output import AsJson, RunName, one_line_errors
 
 
 @one_line_errors

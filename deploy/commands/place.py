@@ -4,10 +4,10 @@ from typing import Annotated, Literal
 
 import typer
 
-from common.strict import ConfigError
-from deploy.backends.kubernetes import manifests
-from deploy.backends.slurm import run_script
-from deploy.commands.run_options import (
+from railctl.common.strict import ConfigError
+from railctl.deploy.backends.kubernetes import manifests
+from railctl.deploy.backends.slurm import run_script
+from railctl.deploy.commands.run_options import (
     Actors,
     Algorithm,
     Cores,
@@ -22,11 +22,11 @@ from deploy.commands.run_options import (
     base_of,
     given_by,
 )
-from deploy.launch import fresh_name
-from deploy.output import one_line_errors
-from deploy.placement import placed
-from deploy.resolve import parse_actors, resolve
-from deploy.runs import runs_root
+from railctl.deploy.launch import fresh_name
+from railctl.deploy.output import one_line_errors
+from railctl.deploy.placement import placed
+from railctl.deploy.resolve import parse_actors, resolve
+from railctl.deploy.runs import runs_root
 
 
 @one_line_errors

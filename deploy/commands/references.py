@@ -4,12 +4,12 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, get_args
 
-from common.requests import DRAWING, MOST_ORDERS, PLANNING, Reference
-from common.strict import ConfigError
-from deploy.output import counted
-from deploy.runs import find_checkpoint
+from railctl.common.requests import DRAWING, MOST_ORDERS, PLANNING, Reference
+from railctl.common.strict import ConfigError
+from railctl.deploy.output import counted
+from railctl.deploy.runs import find_checkpoint
 
-REFERENCE_SCORER = "services.evaluator.references"
+REFERENCE_SCORER = "railctl.services.evaluator.references"
 REFERENCES: tuple[str, ...] = get_args(Reference)
 
 

@@ -5,14 +5,14 @@ from typing import Annotated
 
 import typer
 
-from common.bus import open_relay
-from common.process import Stopping
-from common.strict import ConfigError
-from common.tls import host_and_port
-from deploy.far import credentials_for, shake_hands
-from deploy.listening import check_free
-from deploy.output import console, one_line_errors
-from deploy.runs import Failed
+from railctl.common.bus import open_relay
+from railctl.common.process import Stopping
+from railctl.common.strict import ConfigError
+from railctl.common.tls import host_and_port
+from railctl.deploy.far import credentials_for, shake_hands
+from railctl.deploy.listening import check_free
+from railctl.deploy.output import console, one_line_errors
+from railctl.deploy.runs import Failed
 
 LOOK_S = 0.5
 

@@ -5,13 +5,13 @@ from typing import Annotated
 
 import typer
 
-from common.strict import ConfigError, nearest, shortened
-from deploy.judged import TITLES, judged_parts
-from deploy.output import AsJson, console, one_line_errors, say
-from deploy.runs import find_run
-from deploy.task import run_task
+from railctl.common.strict import ConfigError, nearest, shortened
+from railctl.deploy.judged import TITLES, judged_parts
+from railctl.deploy.output import AsJson, console, one_line_errors, say
+from railctl.deploy.runs import find_run
+from railctl.deploy.task import run_task
 
-JUDGE, REPORTER = "analysis.reliability", "analysis.report"
+JUDGE, REPORTER = "railctl.analysis.reliability", "railctl.analysis.report"
 PROTOCOLS = ["default", "tool"]
 
 

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from deploy.resolve import algorithms, merge, parse_lag, parse_sets, read_file
+from railctl.deploy.resolve import algorithms, merge, parse_lag, parse_sets, read_file
 
 RunFile = Annotated[Path | None, typer.Option("--file", "-f", help="Run file (YAML).")]
 OfName = Annotated[str | None, typer.Option("--name", help="Name of the run; an existing one goes on.")]

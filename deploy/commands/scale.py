@@ -4,14 +4,14 @@ from typing import Annotated
 
 import typer
 
-from common.bus import Bus
-from common.folder import RunFolder
-from common.records.control import ScaleRequest
-from common.wire.keys import SCALE
-from deploy.far import place_of, reach_far
-from deploy.output import AsJson, Keys, one_line_errors, run_names, say
-from deploy.resolve import parse_actors
-from deploy.runs import Failed, find_run, reach
+from railctl.common.bus import Bus
+from railctl.common.folder import RunFolder
+from railctl.common.records.control import ScaleRequest
+from railctl.common.wire.keys import SCALE
+from railctl.deploy.far import place_of, reach_far
+from railctl.deploy.output import AsJson, Keys, one_line_errors, run_names, say
+from railctl.deploy.resolve import parse_actors
+from railctl.deploy.runs import Failed, find_run, reach
 
 TIMEOUT_S = 5.0
 

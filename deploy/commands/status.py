@@ -2,15 +2,15 @@
 
 import json
 
-from common.bus import NoAnswer
-from common.folder import RunFolder
-from common.records.control import Status
-from deploy.events import last_events
-from deploy.far import place_of, reach_far
-from deploy.follow import live_status, status_from_files
-from deploy.output import AsJson, Keys, RunOrAddress, console, one_line_errors, print_table
-from deploy.runs import find_run, reach
-from deploy.show import event_line, process_table, progress_line
+from railctl.common.bus import NoAnswer
+from railctl.common.folder import RunFolder
+from railctl.common.records.control import Status
+from railctl.deploy.events import last_events
+from railctl.deploy.far import place_of, reach_far
+from railctl.deploy.follow import live_status, status_from_files
+from railctl.deploy.output import AsJson, Keys, RunOrAddress, console, one_line_errors, print_table
+from railctl.deploy.runs import find_run, reach
+from railctl.deploy.show import event_line, process_table, progress_line
 
 SHOWN_EVENTS = 5
 

@@ -6,15 +6,15 @@ from typing import Annotated
 
 import typer
 
-from common.bus import NoAnswer
-from common.folder import RunFolder
-from common.locks import living
-from common.records.rows import EpisodeRow, EvaluationRow
-from deploy.far import Place, place_of, reach_far
-from deploy.follow import Rows, rows_from_files
-from deploy.output import Keys, RunOrAddress, console, one_line_errors
-from deploy.runs import find_run, reach
-from deploy.show import row_line
+from railctl.common.bus import NoAnswer
+from railctl.common.folder import RunFolder
+from railctl.common.locks import living
+from railctl.common.records.rows import EpisodeRow, EvaluationRow
+from railctl.deploy.far import Place, place_of, reach_far
+from railctl.deploy.follow import Rows, rows_from_files
+from railctl.deploy.output import Keys, RunOrAddress, console, one_line_errors
+from railctl.deploy.runs import find_run, reach
+from railctl.deploy.show import row_line
 
 WAIT_S = 0.5
 

@@ -5,13 +5,13 @@ from typing import Annotated, Any
 
 import typer
 
-from common.config import RunConfig
-from common.folder import RunFolder
-from common.levels.bank import bank_root
-from common.locks import living
-from common.records.rows import EpisodeRow, EvaluationRow
-from common.rows import read_rows
-from deploy.commands.run_options import (
+from railctl.common.config import RunConfig
+from railctl.common.folder import RunFolder
+from railctl.common.levels.bank import bank_root
+from railctl.common.locks import living
+from railctl.common.records.rows import EpisodeRow, EvaluationRow
+from railctl.common.rows import read_rows
+from railctl.deploy.commands.run_options import (
     Actors,
     Algorithm,
     Cores,
@@ -26,9 +26,9 @@ from deploy.commands.run_options import (
     base_of,
     given_by,
 )
-from deploy.commands.scale import scale_to
-from deploy.follow import outcome_of
-from deploy.launch import (
+from railctl.deploy.commands.scale import scale_to
+from railctl.deploy.follow import outcome_of
+from railctl.deploy.launch import (
     check_door,
     check_existing,
     check_name,
@@ -38,12 +38,12 @@ from deploy.launch import (
     save_config,
     start_supervisor,
 )
-from deploy.levels import prepare_levels, read_own
-from deploy.output import console, counted, one_line_errors, print_table
-from deploy.resolve import parse_actors, resolve, resolve_existing
-from deploy.runs import Failed, runs_root, supervised
-from deploy.show import summary
-from deploy.watch import watch
+from railctl.deploy.levels import prepare_levels, read_own
+from railctl.deploy.output import console, counted, one_line_errors, print_table
+from railctl.deploy.resolve import parse_actors, resolve, resolve_existing
+from railctl.deploy.runs import Failed, runs_root, supervised
+from railctl.deploy.show import summary
+from railctl.deploy.watch import watch
 
 
 @one_line_errors

@@ -12,17 +12,17 @@ from typing import Any
 from pydantic import TypeAdapter
 from rich.console import Console
 
-from analysis.study import PlannedRun, StudyFolder
-from common.bounded import read_json
-from common.config import RunConfig
-from common.folder import write_atomically
-from common.levels.bank import bank_root
-from common.machine import processor
-from common.strict import ConfigError, Strict
-from deploy.runs import Failed, runs_root
-from deploy.task import Task
+from railctl.analysis.study import PlannedRun, StudyFolder
+from railctl.common.bounded import read_json
+from railctl.common.config import RunConfig
+from railctl.common.folder import write_atomically
+from railctl.common.levels.bank import bank_root
+from railctl.common.machine import processor
+from railctl.common.strict import ConfigError, Strict
+from railctl.deploy.runs import Failed, runs_root
+from railctl.deploy.task import Task
 
-MEASURER = "tools.bench.rates"
+MEASURER = "railctl.tools.bench.rates"
 PACKAGES = ("railctl", "numba", "torch")  # whose versions figures depend on
 ROWS_BYTES = 1000  # of an episode, in all files
 REST_BYTES = 80_000  # of a run: its picture, its logs

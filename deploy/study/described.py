@@ -7,14 +7,14 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from analysis.study import Contender, PlannedRun, Study, StudyFolder, planned_runs, read_study
-from common.config import PATHS, RunConfig
-from common.folder import write_atomically
-from common.levels.distributions import AnyLevels, StockLevels
-from common.strict import ConfigError, flat, nearest
-from deploy.resolve import merge, preset_of, resolve, spelled_out
-from deploy.runs import Failed, runs_root
-from deploy.whole_paths import levels_with_whole_paths
+from railctl.analysis.study import Contender, PlannedRun, Study, StudyFolder, planned_runs, read_study
+from railctl.common.config import PATHS, RunConfig
+from railctl.common.folder import write_atomically
+from railctl.common.levels.distributions import AnyLevels, StockLevels
+from railctl.common.strict import ConfigError, flat, nearest
+from railctl.deploy.resolve import merge, preset_of, resolve, spelled_out
+from railctl.deploy.runs import Failed, runs_root
+from railctl.deploy.whole_paths import levels_with_whole_paths
 
 SHIPPED = Path(__file__).parents[1] / "studies"
 OF_THE_STUDY = ("algorithm", "rule", "level", "mix", "seed", "episodes")  # it gives them to its runs itself

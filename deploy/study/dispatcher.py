@@ -8,7 +8,7 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from analysis.study import PlannedRun, Study, planned_runs
+from railctl.analysis.study import PlannedRun, Study, planned_runs
 
 MOST_LOSSES = 3  # of the supervisor of one run
 

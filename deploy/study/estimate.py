@@ -9,14 +9,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from analysis.study import FinalEvaluation, Study, StudyFolder
-from common.folder import RunFolder
-from common.records.rows import EpisodeRow, EvaluationRow
-from common.rows import DamagedRows, read_rows
-from common.strict import ConfigError
-from deploy.follow import outcome_of
-from deploy.study.calibration import Figures, kept
-from deploy.study.progress import RunProgress, StudyProgress
+from railctl.analysis.study import FinalEvaluation, Study, StudyFolder
+from railctl.common.folder import RunFolder
+from railctl.common.records.rows import EpisodeRow, EvaluationRow
+from railctl.common.rows import DamagedRows, read_rows
+from railctl.common.strict import ConfigError
+from railctl.deploy.follow import outcome_of
+from railctl.deploy.study.calibration import Figures, kept
+from railctl.deploy.study.progress import RunProgress, StudyProgress
 
 BESIDE_S = 0.0015  # of a fragment, beside acting and learning: weights, rows, snapshots; two runs on two cores
 STARTING_S = 5.0  # a cluster, until its first episode, and from its last one to its end

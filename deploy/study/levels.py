@@ -3,15 +3,15 @@
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
-from analysis.study import PlannedRun, Study
-from common.config import RunConfig
-from common.levels.bank import LevelBank
-from common.levels.chunks import BankError, key_of
-from common.levels.distributions import Generated, LevelFiles
-from common.levels.requests import BuildRequest
-from common.seeding import evaluation_level_seed, training_level_seed
-from deploy.levels import ask
-from deploy.runs import Failed
+from railctl.analysis.study import PlannedRun, Study
+from railctl.common.config import RunConfig
+from railctl.common.levels.bank import LevelBank
+from railctl.common.levels.chunks import BankError, key_of
+from railctl.common.levels.distributions import Generated, LevelFiles
+from railctl.common.levels.requests import BuildRequest
+from railctl.common.seeding import evaluation_level_seed, training_level_seed
+from railctl.deploy.levels import ask
+from railctl.deploy.runs import Failed
 
 
 def missing_levels(study: Study, configs: Mapping[PlannedRun, RunConfig], bank: Path) -> dict[str, int]:

@@ -5,15 +5,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from analysis.report import archive
-from analysis.study import PlannedRun, Study, StudyFolder, planned_runs
-from common.folder import RunFolder
-from common.locks import living
-from common.records.rows import EpisodeRow
-from common.rows import DamagedRows, each_row
-from deploy.follow import outcome_of
-from deploy.runs import supervised
-from deploy.study.shares import Share
+from railctl.analysis.report import archive
+from railctl.analysis.study import PlannedRun, Study, StudyFolder, planned_runs
+from railctl.common.folder import RunFolder
+from railctl.common.locks import living
+from railctl.common.records.rows import EpisodeRow
+from railctl.common.rows import DamagedRows, each_row
+from railctl.deploy.follow import outcome_of
+from railctl.deploy.runs import supervised
+from railctl.deploy.study.shares import Share
 
 COMMAND = "study"  # begins the names of the locks of commands that carry out a study
 

@@ -10,21 +10,21 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from analysis.study import PlannedRun, Study, StudyFolder
-from common.config import RunConfig
-from common.folder import RunFolder, write_atomically
-from common.levels.distributions import shipped
-from common.locks import holder
-from common.process import Stopping
-from common.requests import LevelChoice, ReferenceRequest, ScoreRequest
-from common.strict import ConfigError
-from deploy.commands.evaluate import SCORER
-from deploy.commands.references import REFERENCE_SCORER
-from deploy.follow import outcome_of
-from deploy.launch import check_existing, new_run, save_config, start_supervisor
-from deploy.levels import read_own
-from deploy.runs import Failed, supervised
-from deploy.study.dispatcher import (
+from railctl.analysis.study import PlannedRun, Study, StudyFolder
+from railctl.common.config import RunConfig
+from railctl.common.folder import RunFolder, write_atomically
+from railctl.common.levels.distributions import shipped
+from railctl.common.locks import holder
+from railctl.common.process import Stopping
+from railctl.common.requests import LevelChoice, ReferenceRequest, ScoreRequest
+from railctl.common.strict import ConfigError
+from railctl.deploy.commands.evaluate import SCORER
+from railctl.deploy.commands.references import REFERENCE_SCORER
+from railctl.deploy.follow import outcome_of
+from railctl.deploy.launch import check_existing, new_run, save_config, start_supervisor
+from railctl.deploy.levels import read_own
+from railctl.deploy.runs import Failed, supervised
+from railctl.deploy.study.dispatcher import (
     Adopted,
     Begin,
     Comparing,
@@ -38,10 +38,10 @@ from deploy.study.dispatcher import (
     Stop,
     StopAsked,
 )
-from deploy.study.progress import Looking, State
-from deploy.task import Task
+from railctl.deploy.study.progress import Looking, State
+from railctl.deploy.task import Task
 
-REPORTER = "analysis.report"
+REPORTER = "railctl.analysis.report"
 TICK_S = 0.2
 
 

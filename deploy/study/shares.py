@@ -4,9 +4,9 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple, TypeVar
 
-from analysis.study import PlannedRun, Study, planned_runs
-from common.strict import ConfigError, shortened
-from deploy.study.dispatcher import Comparing, Job, Scoring
+from railctl.analysis.study import PlannedRun, Study, planned_runs
+from railctl.common.strict import ConfigError, shortened
+from railctl.deploy.study.dispatcher import Comparing, Job, Scoring
 
 FORM = re.compile(r"([0-9]{1,4})/([0-9]{1,4})", re.ASCII)
 

@@ -13,11 +13,11 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from analysis.study import PlannedRun, Study, StudyFolder
-from deploy.show import duration, named_table
-from deploy.study.dispatcher import Dispatcher, Ended, Job
-from deploy.study.estimate import Cell, Rate, measured, seconds_left
-from deploy.study.progress import Looking, StudyProgress
+from railctl.analysis.study import PlannedRun, Study, StudyFolder
+from railctl.deploy.show import duration, named_table
+from railctl.deploy.study.dispatcher import Dispatcher, Ended, Job
+from railctl.deploy.study.estimate import Cell, Rate, measured, seconds_left
+from railctl.deploy.study.progress import Looking, StudyProgress
 
 REFRESH_S = 1.0
 LINE_EVERY_S = 30.0

@@ -6,21 +6,21 @@ from contextlib import contextmanager
 
 from rich.console import Console
 
-from analysis.study import Study, StudyFolder, planned_runs
-from common.folder import RunFolder
-from common.levels.bank import bank_root
-from common.locks import RunsAlreadyError, holder, living, sole
-from common.process import Stopping
-from common.strict import ConfigError
-from deploy.runs import Failed, runs_root
-from deploy.study.described import configurations
-from deploy.study.dispatcher import Dispatcher, in_order
-from deploy.study.estimate import measured, run_seconds
-from deploy.study.levels import build_levels
-from deploy.study.progress import Looking, command_of, commands
-from deploy.study.runner import Runner
-from deploy.study.shares import Share
-from deploy.study.view import StudyView
+from railctl.analysis.study import Study, StudyFolder, planned_runs
+from railctl.common.folder import RunFolder
+from railctl.common.levels.bank import bank_root
+from railctl.common.locks import RunsAlreadyError, holder, living, sole
+from railctl.common.process import Stopping
+from railctl.common.strict import ConfigError
+from railctl.deploy.runs import Failed, runs_root
+from railctl.deploy.study.described import configurations
+from railctl.deploy.study.dispatcher import Dispatcher, in_order
+from railctl.deploy.study.estimate import measured, run_seconds
+from railctl.deploy.study.levels import build_levels
+from railctl.deploy.study.progress import Looking, command_of, commands
+from railctl.deploy.study.runner import Runner
+from railctl.deploy.study.shares import Share
+from railctl.deploy.study.view import StudyView
 
 
 def cores_of(asked: int | None) -> int:

@@ -1,10 +1,10 @@
-"""python -m services.actor --run FOLDER --name NAME --serves DIFFICULTY."""
+"""python -m railctl.services.actor --run FOLDER --name NAME --serves DIFFICULTY."""
 
 import argparse
 from pathlib import Path
 
-from common.folder import RunFolder
-from common.process import run_service, service_context
+from railctl.common.folder import RunFolder
+from railctl.common.process import run_service, service_context
 
 
 def main() -> None:
@@ -15,7 +15,7 @@ def main() -> None:
     arguments = parser.parse_args()
     with service_context(RunFolder(arguments.run), arguments.name, "actor") as context:
         # Imports take seconds and come last, so that whoever supervises sees this process at once.
-        from services.actor.service import Actor
+        from railctl.services.actor.service import Actor
 
         Actor(context, arguments.serves).run()
 

@@ -9,14 +9,14 @@ import time
 
 import numpy as np
 
-from common.board import BoardReader
-from common.bus import Answers, NoAnswer
-from common.levels.supply import supply_of
-from common.policy.flat import Arrays
-from common.policy.leased import LeasePlayer
-from common.policy.player import chooser_of
-from common.process import Fatal, ServiceContext, Stopped
-from common.records.acting import (
+from railctl.common.board import BoardReader
+from railctl.common.bus import Answers, NoAnswer
+from railctl.common.levels.supply import supply_of
+from railctl.common.policy.flat import Arrays
+from railctl.common.policy.leased import LeasePlayer
+from railctl.common.policy.player import chooser_of
+from railctl.common.process import Fatal, ServiceContext, Stopped
+from railctl.common.records.acting import (
     Circumstances,
     Fragment,
     Lease,
@@ -24,8 +24,8 @@ from common.records.acting import (
     LeaseRequest,
     WeightsRequest,
 )
-from common.records.heartbeats import ActorReport
-from common.wire import keys
+from railctl.common.records.heartbeats import ActorReport
+from railctl.common.wire import keys
 
 log = logging.getLogger(__name__)
 

@@ -1,10 +1,10 @@
-"""python -m services.evaluator --run FOLDER."""
+"""python -m railctl.services.evaluator --run FOLDER."""
 
 import argparse
 from pathlib import Path
 
-from common.folder import RunFolder
-from common.process import run_service, service_context
+from railctl.common.folder import RunFolder
+from railctl.common.process import run_service, service_context
 
 
 def main() -> None:
@@ -12,7 +12,7 @@ def main() -> None:
     parser.add_argument("--run", type=Path, required=True, help="the run's folder")
     with service_context(RunFolder(parser.parse_args().run), "evaluator", "evaluator") as context:
         # Imports take seconds and come last, so that whoever supervises sees this process at once.
-        from services.evaluator.service import Evaluator
+        from railctl.services.evaluator.service import Evaluator
 
         Evaluator(context).run()
 

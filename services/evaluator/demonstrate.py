@@ -1,4 +1,4 @@
-"""python -m services.evaluator.demonstrate REQUEST: writes training episodes that a policy plays.
+"""python -m railctl.services.evaluator.demonstrate REQUEST: writes training episodes that a policy plays.
 
 How it answers: see `common.task`. An episode is played on the level on which a run of the same configuration acts its
 episode of that number, under the same conditions; see `common.demonstrations` for the file.
@@ -8,22 +8,22 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from common.checkpoint import CheckpointError
-from common.config import RunConfig, parse_config
-from common.demonstrations import write_demonstrations
-from common.levels.chunks import BankError
-from common.levels.level import Level
-from common.levels.supply import LevelSupply
-from common.policy.checkpoints import load_policy
-from common.policy.compiled import Twin
-from common.policy.player import Acting, compiled_world, play, player
-from common.records.course import Course
-from common.requests import PLANNING, DemonstrationRequest, asked
-from common.seeding import stream_key, training_distribution, training_level_seed, training_malfunction_seed
-from common.strict import ConfigError
-from common.task import Teller, carry_out, say
-from services.evaluator.references.demonstrating import Play, demonstrator
-from services.evaluator.runner import UnplayableLevelError
+from railctl.common.checkpoint import CheckpointError
+from railctl.common.config import RunConfig, parse_config
+from railctl.common.demonstrations import write_demonstrations
+from railctl.common.levels.chunks import BankError
+from railctl.common.levels.level import Level
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.checkpoints import load_policy
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.player import Acting, compiled_world, play, player
+from railctl.common.records.course import Course
+from railctl.common.requests import PLANNING, DemonstrationRequest, asked
+from railctl.common.seeding import stream_key, training_distribution, training_level_seed, training_malfunction_seed
+from railctl.common.strict import ConfigError
+from railctl.common.task import Teller, carry_out, say
+from railctl.services.evaluator.references.demonstrating import Play, demonstrator
+from railctl.services.evaluator.runner import UnplayableLevelError
 
 
 def demonstrate(request: DemonstrationRequest) -> None:

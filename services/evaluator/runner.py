@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from common.levels.level import Level
-from common.policy.compiled import Chooser
-from common.policy.player import Acting, Player, play
-from common.records.course import Course
-from common.seeding import evaluation_malfunction_seed, stream_key
+from railctl.common.levels.level import Level
+from railctl.common.policy.compiled import Chooser
+from railctl.common.policy.player import Acting, Player, play
+from railctl.common.records.course import Course
+from railctl.common.seeding import evaluation_malfunction_seed, stream_key
 
 Policy = Callable[[int, Level], Course]  # plays a whole episode, given the number of the level, and the level
 

@@ -1,4 +1,4 @@
-"""python -m services.evaluator.score REQUEST: scores a checkpoint on levels; how it answers: see `common.task`."""
+"""python -m railctl.services.evaluator.score REQUEST: scores a checkpoint on levels; how it answers: see `common.task`."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,22 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from analysis.statistics import mean_interval
-from common.checkpoint import CheckpointError
-from common.levels.chunks import BankError
-from common.levels.distributions import AnyLevels, LevelFiles, Rules, shipped
-from common.levels.files import LevelFileError
-from common.levels.level import Level
-from common.levels.own import LEVELS
-from common.levels.reading import read
-from common.levels.supply import LevelSupply
-from common.policy.checkpoints import SavedPolicy, load_policy
-from common.policy.compiled import Twin
-from common.policy.player import player
-from common.requests import EPISODES, LevelChoice, ScoreRequest, asked
-from common.strict import ConfigError, nearest, shortened
-from common.task import Teller, carry_out, say
-from services.evaluator.runner import Policy, Score, UnplayableLevelError, evaluate, greedy, sampled
+from railctl.analysis.statistics import mean_interval
+from railctl.common.checkpoint import CheckpointError
+from railctl.common.levels.chunks import BankError
+from railctl.common.levels.distributions import AnyLevels, LevelFiles, Rules, shipped
+from railctl.common.levels.files import LevelFileError
+from railctl.common.levels.level import Level
+from railctl.common.levels.own import LEVELS
+from railctl.common.levels.reading import read
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.checkpoints import SavedPolicy, load_policy
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.player import player
+from railctl.common.requests import EPISODES, LevelChoice, ScoreRequest, asked
+from railctl.common.strict import ConfigError, nearest, shortened
+from railctl.common.task import Teller, carry_out, say
+from railctl.services.evaluator.runner import Policy, Score, UnplayableLevelError, evaluate, greedy, sampled
 
 
 @dataclass(frozen=True)

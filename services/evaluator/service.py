@@ -5,19 +5,19 @@ import threading
 import time
 from functools import partial
 
-from common import checkpoint
-from common.bus import NoAnswer, Question
-from common.checkpoint import CheckpointError
-from common.levels.supply import supply_of
-from common.policy.player import Players, chooser_of
-from common.process import Fatal, ServiceContext
-from common.records.checkpoints import CheckpointFile, CheckpointNotice, CheckpointRequest
-from common.records.control import Empty
-from common.records.heartbeats import EvaluatorReport
-from common.records.rows import EvaluationRow, EvaluationRows, HistoryRequest
-from common.rows import DamagedRows, RowFile
-from common.wire import keys
-from services.evaluator.runner import Policy, evaluate, greedy, sampled
+from railctl.common import checkpoint
+from railctl.common.bus import NoAnswer, Question
+from railctl.common.checkpoint import CheckpointError
+from railctl.common.levels.supply import supply_of
+from railctl.common.policy.player import Players, chooser_of
+from railctl.common.process import Fatal, ServiceContext
+from railctl.common.records.checkpoints import CheckpointFile, CheckpointNotice, CheckpointRequest
+from railctl.common.records.control import Empty
+from railctl.common.records.heartbeats import EvaluatorReport
+from railctl.common.records.rows import EvaluationRow, EvaluationRows, HistoryRequest
+from railctl.common.rows import DamagedRows, RowFile
+from railctl.common.wire import keys
+from railctl.services.evaluator.runner import Policy, evaluate, greedy, sampled
 
 log = logging.getLogger(__name__)
 

@@ -1,12 +1,12 @@
-"""python -m services.learner --run FOLDER."""
+"""python -m railctl.services.learner --run FOLDER."""
 
 import argparse
 from contextlib import closing
 from pathlib import Path
 
-from common.folder import RunFolder
-from common.inbox import Inbox
-from common.process import run_service, service_context
+from railctl.common.folder import RunFolder
+from railctl.common.inbox import Inbox
+from railctl.common.process import run_service, service_context
 
 
 def main() -> None:
@@ -15,7 +15,7 @@ def main() -> None:
     inbox = Inbox()
     with service_context(RunFolder(parser.parse_args().run), "learner", "learner", inbox) as context:
         # Imports take seconds and come last, so that whoever supervises sees this process at once.
-        from services.learner.service import Learner
+        from railctl.services.learner.service import Learner
 
         with closing(Learner(context, inbox)) as learner:
             learner.run()

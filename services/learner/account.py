@@ -3,9 +3,9 @@
 from collections import deque
 from collections.abc import Iterable
 
-from common.recent import RECENT_EPISODES, mean_of
-from common.records.rows import EpisodeRow
-from services.learner.opened import OpenEpisode
+from railctl.common.recent import RECENT_EPISODES, mean_of
+from railctl.common.records.rows import EpisodeRow
+from railctl.services.learner.opened import OpenEpisode
 
 RATE_WINDOW_S = 30.0
 

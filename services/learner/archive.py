@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from common import checkpoint
-from common.checkpoint import CheckpointError, Metadata, Tensors
-from common.config import RunConfig
-from common.folder import RunFolder
-from common.machine import processor
-from common.policy.flat import Arrays
-from common.process import Fatal
-from common.records.rows import EpisodeRow
-from common.rows import DamagedRows, RowFile
-from common.snapshots import check_history, episodes_of, newest_snapshot
+from railctl.common import checkpoint
+from railctl.common.checkpoint import CheckpointError, Metadata, Tensors
+from railctl.common.config import RunConfig
+from railctl.common.folder import RunFolder
+from railctl.common.machine import processor
+from railctl.common.policy.flat import Arrays
+from railctl.common.process import Fatal
+from railctl.common.records.rows import EpisodeRow
+from railctl.common.rows import DamagedRows, RowFile
+from railctl.common.snapshots import check_history, episodes_of, newest_snapshot
 
 log = logging.getLogger(__name__)
 

@@ -1,4 +1,4 @@
-"""python -m services.learner.compile: compiles what learners of every rule run, so that no run's first episode has to.
+"""python -m railctl.services.learner.compile: compiles what learners of every rule run, so that no run's first episode has to.
 
 The machine code is kept beside the sources, or in the user's cache where those cannot be written.
 """
@@ -7,13 +7,13 @@ from itertools import product
 
 import numpy as np
 
-from common.board import look_over
-from common.policy.flat import Order
-from common.rules import settings_of
-from common.rules.settings import RuleSettings
-from common.task import carry_out
-from services.learner.learning import Learning, build_trainer
-from services.learner.selfcheck import N_FEATURES, made_up_episode
+from railctl.common.board import look_over
+from railctl.common.policy.flat import Order
+from railctl.common.rules import settings_of
+from railctl.common.rules.settings import RuleSettings
+from railctl.common.task import carry_out
+from railctl.services.learner.learning import Learning, build_trainer
+from railctl.services.learner.selfcheck import N_FEATURES, made_up_episode
 
 SECTIONS = {
     "dqn": {

@@ -15,13 +15,13 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from common.levels.distributions import ANY
-from common.records.acting import Fragment, Lease, LeaseAnswer, LeaseRequest, Progressed
-from services.learner.free_ledger import FreeLedger
-from services.learner.ledger import Ledger, Unit
-from services.learner.opened import OpenEpisode
-from services.learner.replay.transitions import check_order
-from services.learner.schedule import Schedule
+from railctl.common.levels.distributions import ANY
+from railctl.common.records.acting import Fragment, Lease, LeaseAnswer, LeaseRequest, Progressed
+from railctl.services.learner.free_ledger import FreeLedger
+from railctl.services.learner.ledger import Ledger, Unit
+from railctl.services.learner.opened import OpenEpisode
+from railctl.services.learner.replay.transitions import check_order
+from railctl.services.learner.schedule import Schedule
 
 Q = TypeVar("Q")
 

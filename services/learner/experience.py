@@ -6,11 +6,11 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from common.rules.replay import ReplayConfig
-from common.seeding import stream_key
-from services.learner.former import with_all_allowed
-from services.learner.replay.replay import Replay
-from services.learner.sparse import Observations, dense_rows
+from railctl.common.rules.replay import ReplayConfig
+from railctl.common.seeding import stream_key
+from railctl.services.learner.former import with_all_allowed
+from railctl.services.learner.replay.replay import Replay
+from railctl.services.learner.sparse import Observations, dense_rows
 
 ROWS = ("observation_tm1",)
 DRAWS = "draws"  # the name of their number in a state

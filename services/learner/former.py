@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.rail.interlocking.signals import ALL_ACTIONS
-from common.records.acting import Circumstances, Fragment, Lease, Progressed
-from common.records.course import NONE, Course, Decisions
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS
+from railctl.common.records.acting import Circumstances, Fragment, Lease, Progressed
+from railctl.common.records.course import NONE, Course, Decisions
 
 RECORDS = (Circumstances, Course, Decisions)
 BLOCKS_OF_4 = 3

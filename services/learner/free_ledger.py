@@ -6,7 +6,7 @@ at hand, nothing is leased, for it would only wait and grow stale. Enough is wha
 more: with less, training would wait where episodes take very different times; with more, all would only be staler.
 """
 
-from services.learner.ledger import Ledger, Unit
+from railctl.services.learner.ledger import Ledger, Unit
 
 ENOUGH = 2  # episodes for each actor
 

@@ -8,13 +8,13 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from common.config import RunConfig
-from common.levels.distributions import ANY
-from common.levels.supply import LevelSupply
-from common.policy.flat import Arrays
-from common.policy.leased import LeasePlayer
-from common.policy.player import chooser_of
-from common.records.acting import Circumstances, Fragment, Lease, LeaseAnswer, LeaseRequest
+from railctl.common.config import RunConfig
+from railctl.common.levels.distributions import ANY
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.flat import Arrays
+from railctl.common.policy.leased import LeasePlayer
+from railctl.common.policy.player import chooser_of
+from railctl.common.records.acting import Circumstances, Fragment, Lease, LeaseAnswer, LeaseRequest
 
 NAME = "learner"
 REQUEST = LeaseRequest(actor=NAME, incarnation=NAME, serves=ANY, kept=np.zeros((0, 2), np.int64))

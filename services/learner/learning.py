@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from common.policy.flat import Arrays
-from common.rail.world import N_ACTIONS
-from common.records.acting import Fragment
-from common.records.course import Course
-from common.rules.settings import RuleSettings
+from railctl.common.policy.flat import Arrays
+from railctl.common.rail.world import N_ACTIONS
+from railctl.common.records.acting import Fragment
+from railctl.common.records.course import Course
+from railctl.common.rules.settings import RuleSettings
 
 if TYPE_CHECKING:  # algorithms, which come here, are not to see it
-    from common.config import RunConfig
+    from railctl.common.config import RunConfig
 
 S_co = TypeVar("S_co", bound=RuleSettings, covariant=True)
 
@@ -128,7 +128,7 @@ def check_metrics(metrics: Mapping[str, float]) -> None:
 def build_trainer(rule: str, learning: Learning[RuleSettings]) -> Trainer:
     """The trainer of an update rule, for settings of this rule."""
     if learning.settings.learns_with_torch:
-        from common.policy.determinism import deterministic_torch  # noqa: PLC0415  (torch takes seconds)
+        from railctl.common.policy.determinism import deterministic_torch  # noqa: PLC0415  (torch takes seconds)
 
         deterministic_torch()
-    return cast("Trainer", importlib.import_module(f"services.learner.algorithms.{rule}").build(learning))
+    return cast("Trainer", importlib.import_module(f"railctl.services.learner.algorithms.{rule}").build(learning))

@@ -8,8 +8,8 @@ dead actor had leased waits again.
 
 from collections.abc import Iterable, Sequence
 
-from common.levels.distributions import ANY
-from common.records.acting import Fragment
+from railctl.common.levels.distributions import ANY
+from railctl.common.records.acting import Fragment
 
 Unit = tuple[int, int]  # episode, fragment
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from msgpack._cmsgpack import Packer  # as in `common.wire.codec`
 
-from common.checkpoint import Tensors
-from common.policy.flat import Arrays
-from common.records.acting import Fragment
-from common.wire.arrays import pack_array
-from common.wire.codec import decode, encode, encoding_of, unpack
-from services.learner.former import blocks_of_now, fragment_of_flat, fragment_of_mapping
+from railctl.common.checkpoint import Tensors
+from railctl.common.policy.flat import Arrays
+from railctl.common.records.acting import Fragment
+from railctl.common.wire.arrays import pack_array
+from railctl.common.wire.codec import decode, encode, encoding_of, unpack
+from railctl.services.learner.former import blocks_of_now, fragment_of_flat, fragment_of_mapping
 
 # What the names of its arrays begin with:
 OLDER, SETTLED, OPEN, NOTED = "weights/", "settled/", "open/", "noted/"

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from common.records.acting import Fragment, Progressed
+from railctl.common.records.acting import Fragment, Progressed
 
 
 @dataclass(frozen=True)

@@ -9,17 +9,17 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.policy.first_weights import first_actor_critic
-from common.policy.flat import Arrays
-from common.records.acting import Fragment
-from common.records.course import Course
-from common.rules.policies import ActorCriticSettings, PpoConfig
-from services.learner.experience import Experience
-from services.learner.fused.policy import FusedPolicy, Imitation
-from services.learner.learning import Learning, by_part, means
-from services.learner.returns import decision_returns, standardised
-from services.learner.sparse import SparseRows, sparse_rows
-from services.learner.vtrace import clipped_ratios, vtrace_targets
+from railctl.common.policy.first_weights import first_actor_critic
+from railctl.common.policy.flat import Arrays
+from railctl.common.records.acting import Fragment
+from railctl.common.records.course import Course
+from railctl.common.rules.policies import ActorCriticSettings, PpoConfig
+from railctl.services.learner.experience import Experience
+from railctl.services.learner.fused.policy import FusedPolicy, Imitation
+from railctl.services.learner.learning import Learning, by_part, means
+from railctl.services.learner.returns import decision_returns, standardised
+from railctl.services.learner.sparse import SparseRows, sparse_rows
+from railctl.services.learner.vtrace import clipped_ratios, vtrace_targets
 
 
 class PolicyRule(Protocol):
@@ -91,9 +91,9 @@ def build_network(learning: Learning[ActorCriticSettings], learning_rate: float,
     if not settings.learns_with_torch:
         first = first_actor_critic(settings.network, *sizes)
         return FusedPolicy(first if learning.start is None else first._replace(weights=dict(learning.start)), *how)
-    from common.policy.exits import build_exits  # noqa: PLC0415  (torch takes seconds)
-    from common.policy.networks import import_parameters  # noqa: PLC0415
-    from services.learner.textbook.policies import PolicyNetwork  # noqa: PLC0415
+    from railctl.common.policy.exits import build_exits  # noqa: PLC0415  (torch takes seconds)
+    from railctl.common.policy.networks import import_parameters  # noqa: PLC0415
+    from railctl.services.learner.textbook.policies import PolicyNetwork  # noqa: PLC0415
 
     module = settings.module(*sizes) if settings.brings_module else build_exits(settings.network, *sizes)
     if learning.start is not None:

@@ -20,8 +20,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.records.course import Course
+from railctl.common.kernel import bare_kernel
+from railctl.common.records.course import Course
 
 SMALL: Final = 1e-8
 

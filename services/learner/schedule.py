@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from common.config import RunConfig
-from common.seeding import training_distribution, training_level_seed
+from railctl.common.config import RunConfig
+from railctl.common.seeding import training_distribution, training_level_seed
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""python -m services.learner.selfcheck: some updates on made-up episodes; says a digest of the network they end in.
+"""python -m railctl.services.learner.selfcheck: some updates on made-up episodes; says a digest of the network they end in.
 
 How it says it: see `common.task`. Run in two fresh processes, the digests agree if this machine's arithmetic repeats.
 Buffers are shifted by a random number of bytes, since alignment is what makes unprepared arithmetic differ.
@@ -9,14 +9,14 @@ import os
 
 import numpy as np
 
-from common.rail.interlocking.signals import ALL_ACTIONS
-from common.records.acting import Circumstances, Fragment, Lease
-from common.records.course import Course, Decisions
-from common.rules.dqn import QNetworkConfig, Settings
-from common.rules.replay import PrioritizedReplay
-from common.rules.values import DqnConfig
-from common.task import Teller, carry_out, say
-from services.learner.learning import Learning, build_trainer
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS
+from railctl.common.records.acting import Circumstances, Fragment, Lease
+from railctl.common.records.course import Course, Decisions
+from railctl.common.rules.dqn import QNetworkConfig, Settings
+from railctl.common.rules.replay import PrioritizedReplay
+from railctl.common.rules.values import DqnConfig
+from railctl.common.task import Teller, carry_out, say
+from railctl.services.learner.learning import Learning, build_trainer
 
 N_FEATURES, N_ACTIONS, TRAINS, STEPS, EPISODES = 252, 5, 3, 60, 6
 

@@ -4,32 +4,32 @@ import logging
 import time
 from typing import TYPE_CHECKING
 
-from common.board import Board
-from common.bus import Question
-from common.checkpoint import Tensors
-from common.inbox import Inbox
-from common.levels.supply import supply_of
-from common.process import Fatal, ServiceContext, Stopped
-from common.records.acting import Fragment, LeaseAnswer, LeaseRequest, Weights, WeightsRequest
-from common.records.checkpoints import CheckpointFile, CheckpointNotice, CheckpointRequest
-from common.records.control import CommandAnswer, Empty, LearnerCommand
-from common.records.heartbeats import LearnerReport
-from common.records.rows import EpisodeRows, HistoryRequest
-from common.wire import keys
-from common.wire.keys import Alive
-from services.learner.account import Account, is_due, row_of
-from services.learner.archive import KEPT_SNAPSHOTS, Archive
-from services.learner.desk import Desk, Reply, Start
-from services.learner.inline_actor import NAME, REQUEST, InlineActor
-from services.learner.learning import build_trainer, check_metrics, learning_of
-from services.learner.memory import Memory, take_memory
-from services.learner.opened import OpenEpisode
-from services.learner.schedule import Schedule
-from services.learner.start import demonstrations_of, start_of
-from services.learner.telemetry import Telemetry
+from railctl.common.board import Board
+from railctl.common.bus import Question
+from railctl.common.checkpoint import Tensors
+from railctl.common.inbox import Inbox
+from railctl.common.levels.supply import supply_of
+from railctl.common.process import Fatal, ServiceContext, Stopped
+from railctl.common.records.acting import Fragment, LeaseAnswer, LeaseRequest, Weights, WeightsRequest
+from railctl.common.records.checkpoints import CheckpointFile, CheckpointNotice, CheckpointRequest
+from railctl.common.records.control import CommandAnswer, Empty, LearnerCommand
+from railctl.common.records.heartbeats import LearnerReport
+from railctl.common.records.rows import EpisodeRows, HistoryRequest
+from railctl.common.wire import keys
+from railctl.common.wire.keys import Alive
+from railctl.services.learner.account import Account, is_due, row_of
+from railctl.services.learner.archive import KEPT_SNAPSHOTS, Archive
+from railctl.services.learner.desk import Desk, Reply, Start
+from railctl.services.learner.inline_actor import NAME, REQUEST, InlineActor
+from railctl.services.learner.learning import build_trainer, check_metrics, learning_of
+from railctl.services.learner.memory import Memory, take_memory
+from railctl.services.learner.opened import OpenEpisode
+from railctl.services.learner.schedule import Schedule
+from railctl.services.learner.start import demonstrations_of, start_of
+from railctl.services.learner.telemetry import Telemetry
 
 if TYPE_CHECKING:
-    from common.policy.flat import Arrays
+    from railctl.common.policy.flat import Arrays
 
 log = logging.getLogger(__name__)
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
+from railctl.common.kernel import bare_kernel
 
 _Floats = NDArray[np.float32]
 _Ints = NDArray[np.int64]

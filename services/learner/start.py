@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator
 
-from common.checkpoint import Tensors, load
-from common.config import RunConfig
-from common.demonstrations import DemonstrationsError, digest_of_file, read_demonstrations
-from common.folder import RunFolder
-from common.records.course import Course
+from railctl.common.checkpoint import Tensors, load
+from railctl.common.config import RunConfig
+from railctl.common.demonstrations import DemonstrationsError, digest_of_file, read_demonstrations
+from railctl.common.folder import RunFolder
+from railctl.common.records.course import Course
 
 
 def start_of(folder: RunFolder, config: RunConfig) -> Tensors | None:

@@ -10,12 +10,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
-from common.bus import Traffic
-from common.folder import RunFolder
-from common.process import Fatal
-from common.records.rows import MetricRow
-from common.rows import DamagedRows, RowFile
-from services.learner.events import EventFile
+from railctl.common.bus import Traffic
+from railctl.common.folder import RunFolder
+from railctl.common.process import Fatal
+from railctl.common.records.rows import MetricRow
+from railctl.common.rows import DamagedRows, RowFile
+from railctl.services.learner.events import EventFile
 
 Noted = Mapping[str, Sequence[float]]  # of each metric, what the fragments of an episode say
 

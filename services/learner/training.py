@@ -12,16 +12,16 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.policy.flat import Arrays
-from common.records.acting import Fragment
-from common.rules.replay import UniformReplay
-from common.rules.values import ValueSettings
-from common.seeding import stream_key
-from services.learner.former import with_all_allowed
-from services.learner.learning import Learning, by_part, means
-from services.learner.replay.replay import Replay, Sample
-from services.learner.replay.transitions import COLUMNS, ROWS, TransitionMaker
-from services.learner.sparse import Observations
+from railctl.common.policy.flat import Arrays
+from railctl.common.records.acting import Fragment
+from railctl.common.rules.replay import UniformReplay
+from railctl.common.rules.values import ValueSettings
+from railctl.common.seeding import stream_key
+from railctl.services.learner.former import with_all_allowed
+from railctl.services.learner.learning import Learning, by_part, means
+from railctl.services.learner.replay.replay import Replay, Sample
+from railctl.services.learner.replay.transitions import COLUMNS, ROWS, TransitionMaker
+from railctl.services.learner.sparse import Observations
 
 COUNTERS = ("episodes", "steps", "updates")
 

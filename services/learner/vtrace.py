@@ -18,8 +18,8 @@ policy is the one that acted, the ratios are 1, and the targets are the returns,
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.records.course import Course
+from railctl.common.kernel import bare_kernel
+from railctl.common.records.course import Course
 
 NOBODY = -1  # decides
 

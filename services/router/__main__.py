@@ -3,10 +3,10 @@
 import argparse
 from pathlib import Path
 
-from common.bus import open_router
-from common.folder import RunFolder
-from common.locks import sole
-from common.process import Stopping, join, run_service
+from railctl.common.bus import open_router
+from railctl.common.folder import RunFolder
+from railctl.common.locks import sole
+from railctl.common.process import Stopping, join, run_service
 
 LOOK_S = 0.2
 

@@ -26,13 +26,13 @@ from faults import Fault, drawn  # noqa: E402
 from inject import inject  # noqa: E402
 from strangers import Stranger, stranger  # noqa: E402
 
-from common.config import RunConfig  # noqa: E402
-from common.folder import RunFolder  # noqa: E402  (the project's root first)
-from common.locks import holder, living  # noqa: E402
-from common.records.rows import EpisodeRow  # noqa: E402
-from common.rows import read_rows  # noqa: E402
-from deploy.runs import supervised  # noqa: E402
-from tools.bench.alone import Alone  # noqa: E402
+from railctl.common.config import RunConfig  # noqa: E402
+from railctl.common.folder import RunFolder  # noqa: E402  (the project's root first)
+from railctl.common.locks import holder, living  # noqa: E402
+from railctl.common.records.rows import EpisodeRow  # noqa: E402
+from railctl.common.rows import read_rows  # noqa: E402
+from railctl.deploy.runs import supervised  # noqa: E402
+from railctl.tools.bench.alone import Alone  # noqa: E402
 
 RAILCTL = Path(sys.executable).with_name("railctl")
 PATIENCE_S = 300.0

@@ -13,12 +13,12 @@ from faults import Fault
 from hanging import hung
 from strangers import Stranger
 
-from common.bus import NoAnswer
-from common.folder import RunFolder
-from common.locks import living
-from common.records.control import ScaleRequest
-from common.wire import keys
-from deploy.runs import reach
+from railctl.common.bus import NoAnswer
+from railctl.common.folder import RunFolder
+from railctl.common.locks import living
+from railctl.common.records.control import ScaleRequest
+from railctl.common.wire import keys
+from railctl.deploy.runs import reach
 
 SUSPENSIONS = {"suspended 1 s": 1.0, "suspended 6 s": 6.0, "suspended 40 s": 40.0}
 SHORT_OF = 2_000_000  # bytes that a process gets before its memory ends

@@ -9,11 +9,11 @@ from contextlib import contextmanager
 import numpy as np
 import zenoh
 
-from common.bus import Bus, NoAnswer, checksum, open_bus
-from common.records.acting import Fragment, LeaseRequest
-from common.records.heartbeats import Heartbeat
-from common.wire import keys
-from common.wire.codec import decode, encode, encoding_of
+from railctl.common.bus import Bus, NoAnswer, checksum, open_bus
+from railctl.common.records.acting import Fragment, LeaseRequest
+from railctl.common.records.heartbeats import Heartbeat
+from railctl.common.wire import keys
+from railctl.common.wire.codec import decode, encode, encoding_of
 
 ASK_S = 5.0
 

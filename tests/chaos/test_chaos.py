@@ -9,7 +9,7 @@ from campaign import Campaign, Findings, table
 from faults import KINDS, Fault, drawn
 from hanging import hung
 
-from tools.bench.alone import Trained
+from railctl.tools.bench.alone import Trained
 
 SOME = [
     Fault("truncated message", "", 1, 1),

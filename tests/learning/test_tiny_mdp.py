@@ -17,15 +17,15 @@ import torch
 from made_episodes import decided, edited
 from torch import nn
 
-from common.policy.compiled import Twin
-from common.policy.modules import ModuleChooser
-from common.policy.packing import Layout
-from common.rules import settings_of
-from common.seeding import stream_key
-from services.learner.algorithms.dqn import single_observations
-from services.learner.learning import Learning, build_trainer
-from services.learner.textbook.dqn import Dqn
-from services.learner.training import ValueTrainer
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.modules import ModuleChooser
+from railctl.common.policy.packing import Layout
+from railctl.common.rules import settings_of
+from railctl.common.seeding import stream_key
+from railctl.services.learner.algorithms.dqn import single_observations
+from railctl.services.learner.learning import Learning, build_trainer
+from railctl.services.learner.textbook.dqn import Dqn
+from railctl.services.learner.training import ValueTrainer
 
 ARRIVED = 4
 NEXT = ((0, 1, 2), (0, 3, 2), (ARRIVED, 0, 2), (3, ARRIVED, 0))

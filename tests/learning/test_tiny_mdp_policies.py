@@ -5,10 +5,10 @@ import pytest
 import torch
 from test_tiny_mdp import BEST_ACTION, DISCOUNT, PLACES, STEPS_LEFT, act
 
-from common.policy.compiled import Twin
-from common.policy.packing import Layout
-from common.rules import settings_of
-from services.learner.learning import Learning, build_trainer
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.packing import Layout
+from railctl.common.rules import settings_of
+from railctl.services.learner.learning import Learning, build_trainer
 
 HIDDEN = (32, 32)
 

@@ -19,9 +19,9 @@ from flatland.envs.step_utils.states import TrainState
 from flatland.envs.timetable_generators import timetable_generator
 from flatland.envs.timetable_utils import Timetable
 
-from common.rail.compiled.malfunctions import MalfunctionGenerators, words_of
-from common.rail.compiled.tree import nodes_of
-from common.rail.library_tree import flatten
+from railctl.common.rail.compiled.malfunctions import MalfunctionGenerators, words_of
+from railctl.common.rail.compiled.tree import nodes_of
+from railctl.common.rail.library_tree import flatten
 
 SPEEDS = (
     None,

@@ -11,8 +11,8 @@ from flatland.envs.rail_generators import sparse_rail_generator
 from flatland.envs.timetable_generators import timetable_generator
 from flatland_oracle import forget, no_timetable
 
-from common.levels.level import Level
-from common.rail.from_flatland import level_of
+from railctl.common.levels.level import Level
+from railctl.common.rail.from_flatland import level_of
 
 MIXED = {1.0: 0.4, 0.5: 0.3, 0.33: 0.3}
 

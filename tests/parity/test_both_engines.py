@@ -9,18 +9,18 @@ import pytest
 from made_rails import EAST, ring, scheduled
 from stock_levels import MIXED, stock_level
 
-from common.levels.distributions import Bounds
-from common.levels.level import Level, Malfunctions
-from common.levels.shipped import generate
-from common.rail.compiled.world import CompiledWorld
-from common.rail.flatland_world import FlatlandWorld
-from common.rail.observations.global_map import GlobalObservation
-from common.rail.observations.local_map import LocalObservation
-from common.rail.observations.traffic import TrafficObservation
-from common.rail.observations.tree import TreeObservation
-from common.rail.rewards.delay import DelayReward
-from common.rail.rewards.shaped import ShapedReward
-from common.rail.rewards.study import StudyReward
+from railctl.common.levels.distributions import Bounds
+from railctl.common.levels.level import Level, Malfunctions
+from railctl.common.levels.shipped import generate
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.flatland_world import FlatlandWorld
+from railctl.common.rail.observations.global_map import GlobalObservation
+from railctl.common.rail.observations.local_map import LocalObservation
+from railctl.common.rail.observations.traffic import TrafficObservation
+from railctl.common.rail.observations.tree import TreeObservation
+from railctl.common.rail.rewards.delay import DelayReward
+from railctl.common.rail.rewards.shaped import ShapedReward
+from railctl.common.rail.rewards.study import StudyReward
 
 MIXES = ([0.2] * 5, [0.05, 0.1, 0.7, 0.1, 0.05], [0.0, 0.0, 1.0, 0.0, 0.0])
 SHAPED = ShapedReward(step=-0.5, arrival=3, all_arrived=2, progress=0.25, deadlock=-7, delay=0.125)

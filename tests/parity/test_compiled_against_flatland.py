@@ -9,14 +9,14 @@ import pytest
 from flatland.envs.rail_env import RailEnv
 from flatland_oracle import ACTION_MIXES, TreeOracle, forget, generators_of, random_env, trains_of
 
-from common.rail.compiled.arrays import BROKEN, DONE, MOVING, NOWHERE, STOPPED
-from common.rail.compiled.decisions import ALWAYS, decides
-from common.rail.compiled.looking import look_at_all
-from common.rail.compiled.tree import LEGACY, N_NODE_FEATURES, REPAIRED, STOCK, nodes_of, sight_of
-from common.rail.compiled.world import CompiledWorld
-from common.rail.from_flatland import level_of
-from common.rail.rewards.delay import DelayReward
-from common.rail.world import MOVE_FORWARD
+from railctl.common.rail.compiled.arrays import BROKEN, DONE, MOVING, NOWHERE, STOPPED
+from railctl.common.rail.compiled.decisions import ALWAYS, decides
+from railctl.common.rail.compiled.looking import look_at_all
+from railctl.common.rail.compiled.tree import LEGACY, N_NODE_FEATURES, REPAIRED, STOCK, nodes_of, sight_of
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.from_flatland import level_of
+from railctl.common.rail.rewards.delay import DelayReward
+from railctl.common.rail.world import MOVE_FORWARD
 
 MOST_STEPS = 160
 SLOTS = 2

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.levels.files import opened
-from common.levels.level import Level
-from common.levels.shipped import generate
-from common.rail.flatland_world import FlatlandEpisode
-from tools.recordings.findings import FIELDS, Findings
-from tools.recordings.recorded import (
+from railctl.common.levels.files import opened
+from railctl.common.levels.level import Level
+from railctl.common.levels.shipped import generate
+from railctl.common.rail.flatland_world import FlatlandEpisode
+from railctl.tools.recordings.findings import FIELDS, Findings
+from railctl.tools.recordings.recorded import (
     ACTIVE,
     ARRIVED,
     READY_TO_DEPART,
@@ -19,7 +19,7 @@ from tools.recordings.recorded import (
     episode_names,
     read_episode,
 )
-from tools.recordings.replay import replay
+from railctl.tools.recordings.replay import replay
 
 HERE = Path(__file__).parent
 SMALL = HERE / "data" / "flatland222_episodes_small.npz"

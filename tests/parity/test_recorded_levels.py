@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.levels import files, legacy
-from common.levels.compiled.twister import plainly_seeded
-from common.levels.distributions import shipped
-from common.seeding import training_level_seed
-from tools.levels.routes import Numbers, numbers
+from railctl.common.levels import files, legacy
+from railctl.common.levels.compiled.twister import plainly_seeded
+from railctl.common.levels.distributions import shipped
+from railctl.common.seeding import training_level_seed
+from railctl.tools.levels.routes import Numbers, numbers
 
 HERE = Path(__file__).parent
 HASHES = json.loads((HERE / "data" / "flatland222_generator.json").read_text())

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.levels import files
-from common.rail.compiled.arrays import NOWHERE
-from common.rail.compiled.world import CompiledWorld
-from common.rail.flatland_env import LegacyActions, LevelEnv
-from services.evaluator.references.planner import best_ways
-from services.evaluator.references.policies import INTERLOCKINGS, reference_policy
-from services.evaluator.runner import evaluate
+from railctl.common.levels import files
+from railctl.common.rail.compiled.arrays import NOWHERE
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.flatland_env import LegacyActions, LevelEnv
+from railctl.services.evaluator.references.planner import best_ways
+from railctl.services.evaluator.references.policies import INTERLOCKINGS, reference_policy
+from railctl.services.evaluator.runner import evaluate
 
 DATA = Path(__file__).parent / "data"
 LEVELS = files.load(DATA / "flatland222_levels.npz")

@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 from stock_levels import MIXED, stock_level
 
-from common.levels.level import Malfunctions
-from common.levels.supply import LevelSupply
-from common.policy.actor_critic import build_actor_critic
-from common.policy.compiled import Twin
-from common.policy.networks import build_network, export_parameters
-from common.policy.player import Acting, compiled_world, network_layout, play, player
-from common.policy.recurrent import build_recurrent_network
-from common.policy.rollout import Rollouts
-from common.rail.planning.judging import Teacher
-from common.records.acting import digest_of
-from common.records.course import Course, Decisions
-from common.rules.settings import NetworkConfig
-from common.world import study_world
+from railctl.common.levels.level import Malfunctions
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.actor_critic import build_actor_critic
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.networks import build_network, export_parameters
+from railctl.common.policy.player import Acting, compiled_world, network_layout, play, player
+from railctl.common.policy.recurrent import build_recurrent_network
+from railctl.common.policy.rollout import Rollouts
+from railctl.common.rail.planning.judging import Teacher
+from railctl.common.records.acting import digest_of
+from railctl.common.records.course import Course, Decisions
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.world import study_world
 
 ENGINES = ("compiled", "flatland")
 BUILDS = {

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from slurm_site import Site
 
-from deploy.follow import wait_until
+from railctl.deploy.follow import wait_until
 
 PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "scancel", "scontrol", "squeue", "srun")
 

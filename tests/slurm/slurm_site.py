@@ -11,8 +11,8 @@ import sys
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
-from common.folder import RunFolder
-from deploy.follow import wait_until
+from railctl.common.folder import RunFolder
+from railctl.deploy.follow import wait_until
 
 RAILCTL = Path(sys.executable).with_name("railctl")
 PATIENCE_S = 600.0

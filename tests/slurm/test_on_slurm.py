@@ -7,13 +7,13 @@ import pytest
 import yaml
 from slurm_site import PATIENCE_S, free_ports
 
-from analysis.study import StudyFolder
-from common.folder import RunFolder
-from common.records.control import LearnerCommand
-from common.wire import keys
-from deploy.launch import new_run
-from deploy.resolve import parse_sets, resolve
-from deploy.runs import reach
+from railctl.analysis.study import StudyFolder
+from railctl.common.folder import RunFolder
+from railctl.common.records.control import LearnerCommand
+from railctl.common.wire import keys
+from railctl.deploy.launch import new_run
+from railctl.deploy.resolve import parse_sets, resolve
+from railctl.deploy.runs import reach
 
 pytestmark = pytest.mark.slurm
 

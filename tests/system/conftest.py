@@ -14,13 +14,13 @@ from typing import Literal
 import pytest
 from typer.testing import CliRunner, Result
 
-from common.folder import RunFolder
-from common.locks import living
-from common.records.control import LearnerCommand
-from common.wire import keys
-from deploy.cli import app
-from deploy.follow import wait_until
-from deploy.runs import reach
+from railctl.common.folder import RunFolder
+from railctl.common.locks import living
+from railctl.common.records.control import LearnerCommand
+from railctl.common.wire import keys
+from railctl.deploy.cli import app
+from railctl.deploy.follow import wait_until
+from railctl.deploy.runs import reach
 
 RAILCTL = Path(sys.executable).with_name("railctl")
 PATIENCE_S = 300.0

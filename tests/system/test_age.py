@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import pytest
 
-from common.locks import living
-from common.records.rows import EpisodeRow
-from common.rows import read_rows
-from deploy.follow import wait_until
-from tools.bench.alone import Alone
+from railctl.common.locks import living
+from railctl.common.records.rows import EpisodeRow
+from railctl.common.rows import read_rows
+from railctl.deploy.follow import wait_until
+from railctl.tools.bench.alone import Alone
 
 SETTLING_MINUTES, WATCHED_MINUTES = 2, 8  # queues for who is stopped fill up; then nothing may grow
 LOOKS_A_MINUTE = 3

@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from common.locks import living
+from railctl.common.locks import living
 
 
 def test_pause_scale_resume_checkpoint_down_up(clusters, undisturbed, tail):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from common.compile_signs import COMPILING
+from railctl.common.compile_signs import COMPILING
 
 
 @pytest.mark.slow

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 
-from common.locks import living
-from common.records.control import LearnerCommand
-from common.wire.keys import COMMAND_LEARNER, EPISODE_ROWS
-from deploy.certificates import create
-from deploy.runs import reach
+from railctl.common.locks import living
+from railctl.common.records.control import LearnerCommand
+from railctl.common.wire.keys import COMMAND_LEARNER, EPISODE_ROWS
+from railctl.deploy.certificates import create
+from railctl.deploy.runs import reach
 
 PATIENCE_S = 300.0
 HERE, THERE = "198.18.7.1", "198.18.7.2"  # of a range that no network uses

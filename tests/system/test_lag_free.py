@@ -2,9 +2,9 @@
 
 import pytest
 
-from common.locks import living
-from common.records.rows import EpisodeRow, MetricRow
-from common.rows import read_rows
+from railctl.common.locks import living
+from railctl.common.records.rows import EpisodeRow, MetricRow
+from railctl.common.rows import read_rows
 
 EPISODES, BOUND = 40, 6
 FREE = ("--lag", "free", "--set", f"max_staleness={BOUND}", "--actors", "easy=2")

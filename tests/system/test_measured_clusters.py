@@ -2,9 +2,9 @@
 
 import pytest
 
-from tools.bench.alone import Alone, Trained
-from tools.bench.cluster import run_cluster
-from tools.bench.measuring import DisagreementError
+from railctl.tools.bench.alone import Alone, Trained
+from railctl.tools.bench.cluster import run_cluster
+from railctl.tools.bench.measuring import DisagreementError
 
 EPISODES = 12
 OTHERS = [Trained("other", 1, 1, 0.1 * number) for number in range(EPISODES)]

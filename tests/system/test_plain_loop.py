@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from tools.bench import loop
+from railctl.tools.bench import loop
 
 
 def test_a_real_run_gives_rows(monkeypatch: pytest.MonkeyPatch, capsys):

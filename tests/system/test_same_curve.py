@@ -4,10 +4,10 @@ import signal
 
 import pytest
 
-from common.locks import living
-from deploy.events import last_events
-from deploy.runs import supervised
-from tools.bench.alone import Alone
+from railctl.common.locks import living
+from railctl.deploy.events import last_events
+from railctl.deploy.runs import supervised
+from railctl.tools.bench.alone import Alone
 
 EPISODES = 40
 WITH_LAG = ("--lag", "2", "--set", "fragment_steps=null")

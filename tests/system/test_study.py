@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from analysis.study import StudyFolder, planned_runs, read_study
-from common.folder import RunFolder
-from common.locks import holder, living
+from railctl.analysis.study import StudyFolder, planned_runs, read_study
+from railctl.common.folder import RunFolder
+from railctl.common.locks import holder, living
 
 PER = {"replay": "prioritized", "dqn": {"batch_size": 32, "learn_every_steps": 2}}
 STUDY = {

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from common import checkpoint
-from common.config import Plain, parse_config
-from common.rail.world import N_ACTIONS
-from common.rules.settings import NetworkConfig
+from railctl.common import checkpoint
+from railctl.common.config import Plain, parse_config
+from railctl.common.rail.world import N_ACTIONS
+from railctl.common.rules.settings import NetworkConfig
 
 DUELING = NetworkConfig(kind="dueling")
 RULES = {"actor-critic": "ppo", "recurrent": "drqn"}  # by kind of network; others are dqn's
@@ -27,9 +27,9 @@ def write_checkpoint() -> Callable[..., Path]:
 
     `world` are the keys of a run file that say what world the run had.
     """
-    from common.policy.actor_critic import build_actor_critic  # noqa: PLC0415  (torch is not for all tests)
-    from common.policy.networks import build_network, export_parameters  # noqa: PLC0415
-    from common.policy.recurrent import build_recurrent_network  # noqa: PLC0415
+    from railctl.common.policy.actor_critic import build_actor_critic  # noqa: PLC0415  (torch is not for all tests)
+    from railctl.common.policy.networks import build_network, export_parameters  # noqa: PLC0415
+    from railctl.common.policy.recurrent import build_recurrent_network  # noqa: PLC0415
 
     builds = {"actor-critic": build_actor_critic, "recurrent": build_recurrent_network}
 

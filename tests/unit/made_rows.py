@@ -1,6 +1,6 @@
 """Rows of episodes for tests that care for one or two of their values."""
 
-from common.records.rows import EpisodeRow
+from railctl.common.records.rows import EpisodeRow
 
 
 def episode_row(number, **changes):

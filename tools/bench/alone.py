@@ -8,13 +8,13 @@ import time
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from common.config import RunConfig
-from common.levels.supply import LevelSupply
-from common.policy.flat import Arrays
-from services.learner.desk import Desk
-from services.learner.inline_actor import NAME, REQUEST, InlineActor
-from services.learner.learning import build_trainer, learning_of
-from services.learner.schedule import Schedule
+from railctl.common.config import RunConfig
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.flat import Arrays
+from railctl.services.learner.desk import Desk
+from railctl.services.learner.inline_actor import NAME, REQUEST, InlineActor
+from railctl.services.learner.learning import build_trainer, learning_of
+from railctl.services.learner.schedule import Schedule
 
 
 class Trained(NamedTuple):

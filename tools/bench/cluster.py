@@ -25,15 +25,15 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from common.config import MAX_ACTORS, checked_lag
-from common.folder import RunFolder
-from common.levels.distributions import shipped
-from common.records.rows import EpisodeRow, MetricRow
-from common.rows import read_rows
-from common.task import FAILED
-from tools.bench.alone import Alone
-from tools.bench.measuring import DisagreementError, Parser, count
-from tools.bench.processes import Watch
+from railctl.common.config import MAX_ACTORS, checked_lag
+from railctl.common.folder import RunFolder
+from railctl.common.levels.distributions import shipped
+from railctl.common.records.rows import EpisodeRow, MetricRow
+from railctl.common.rows import read_rows
+from railctl.common.task import FAILED
+from railctl.tools.bench.alone import Alone
+from railctl.tools.bench.measuring import DisagreementError, Parser, count
+from railctl.tools.bench.processes import Watch
 
 ALGORITHMS = ("dqn", "ddqn", "dddqn", "drqn", "ppo", "ppor", "sil")  # the study's
 OTHERS = ("imitate", "dispatch")

@@ -1,11 +1,11 @@
 """What several benchmarks play: the study's levels under its conditions."""
 
-from common.policy.player import compiled_world
-from common.policy.rollout import Rollouts
-from common.rail.interlocking.signals import Interlocking
-from common.rail.observations.table import AnyObservation
-from common.rail.observations.tree import TreeObservation
-from common.world import study_world
+from railctl.common.policy.player import compiled_world
+from railctl.common.policy.rollout import Rollouts
+from railctl.common.rail.interlocking.signals import Interlocking
+from railctl.common.rail.observations.table import AnyObservation
+from railctl.common.rail.observations.tree import TreeObservation
+from railctl.common.world import study_world
 
 
 def study_rollouts(

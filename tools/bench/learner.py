@@ -13,34 +13,34 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from common.levels.shipped import generate
-from common.policy.actor_critic import build_actor_critic
-from common.policy.compiled import Twin
-from common.policy.first_weights import first_actor_critic, first_recurrent, first_values
-from common.policy.networks import build_network, export_parameters
-from common.policy.packing import Kind, Layout
-from common.policy.player import Acting, play
-from common.policy.recurrent import build_recurrent_network
-from common.rail.interlocking.signals import ALL_ACTIONS
-from common.rail.normalise import N_FEATURES
-from common.rail.world import N_ACTIONS
-from common.rules.policies import PpoConfig
-from common.rules.settings import NetworkConfig
-from common.rules.sil import SilConfig
-from common.rules.values import DqnConfig
-from services.learner.algorithms.ppo import Ppo
-from services.learner.algorithms.sil import Sil
-from services.learner.experience import Experience
-from services.learner.fused.dqn import FusedDqn
-from services.learner.fused.drqn import FusedDrqn
-from services.learner.fused.policy import FusedPolicy
-from services.learner.sparse import SparseRows, sparse_rows
-from services.learner.textbook.plain_dqn import PlainDqn
-from services.learner.textbook.plain_policy import PlainPolicy
-from services.learner.training import Batch, ValueMethod
-from tools.bench.conditions import study_rollouts
-from tools.bench.learner_episodes import episode_comparisons
-from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
+from railctl.common.levels.shipped import generate
+from railctl.common.policy.actor_critic import build_actor_critic
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.first_weights import first_actor_critic, first_recurrent, first_values
+from railctl.common.policy.networks import build_network, export_parameters
+from railctl.common.policy.packing import Kind, Layout
+from railctl.common.policy.player import Acting, play
+from railctl.common.policy.recurrent import build_recurrent_network
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS
+from railctl.common.rail.normalise import N_FEATURES
+from railctl.common.rail.world import N_ACTIONS
+from railctl.common.rules.policies import PpoConfig
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.rules.sil import SilConfig
+from railctl.common.rules.values import DqnConfig
+from railctl.services.learner.algorithms.ppo import Ppo
+from railctl.services.learner.algorithms.sil import Sil
+from railctl.services.learner.experience import Experience
+from railctl.services.learner.fused.dqn import FusedDqn
+from railctl.services.learner.fused.drqn import FusedDrqn
+from railctl.services.learner.fused.policy import FusedPolicy
+from railctl.services.learner.sparse import SparseRows, sparse_rows
+from railctl.services.learner.textbook.plain_dqn import PlainDqn
+from railctl.services.learner.textbook.plain_policy import PlainPolicy
+from railctl.services.learner.training import Batch, ValueMethod
+from railctl.tools.bench.conditions import study_rollouts
+from railctl.tools.bench.learner_episodes import episode_comparisons
+from railctl.tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
 
 HIDDEN = (128, 128)
 LEVELS, EPSILON = 8, 0.5  # played for their observations

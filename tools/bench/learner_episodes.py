@@ -14,20 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from common.policy.actor_critic import build_actor_critic
-from common.policy.networks import build_network
-from common.policy.recurrent import build_recurrent_network
-from common.rail.interlocking.signals import ALL_ACTIONS
-from common.rail.normalise import N_FEATURES
-from common.rail.world import N_ACTIONS
-from common.records.acting import Circumstances, Fragment, Lease
-from common.records.course import Course, Decisions
-from common.rules import settings_of
-from services.learner.algorithms.drqn import sequences
-from services.learner.learning import Learning, Trainer, build_trainer
-from services.learner.textbook.dqn import Dqn
-from services.learner.training import ValueTrainer
-from tools.bench.measuring import Comparison, DisagreementError, Sample, timed
+from railctl.common.policy.actor_critic import build_actor_critic
+from railctl.common.policy.networks import build_network
+from railctl.common.policy.recurrent import build_recurrent_network
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS
+from railctl.common.rail.normalise import N_FEATURES
+from railctl.common.rail.world import N_ACTIONS
+from railctl.common.records.acting import Circumstances, Fragment, Lease
+from railctl.common.records.course import Course, Decisions
+from railctl.common.rules import settings_of
+from railctl.services.learner.algorithms.drqn import sequences
+from railctl.services.learner.learning import Learning, Trainer, build_trainer
+from railctl.services.learner.textbook.dqn import Dqn
+from railctl.services.learner.training import ValueTrainer
+from railctl.tools.bench.measuring import Comparison, DisagreementError, Sample, timed
 
 TRAINS, EVERY = 5, 4  # each train decides on every fourth step
 BEFORE, EPISODES = 5, 4  # trained on before the clock runs, and then

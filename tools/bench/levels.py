@@ -23,15 +23,15 @@ from flatland.core.env_observation_builder import DummyObservationBuilder
 from flatland.envs.rail_env import RailEnv
 from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
 
-from common.levels.bank import LevelBank
-from common.levels.chunks import chunk_name, write_chunk
-from common.levels.distributions import StockLevels, shipped
-from common.levels.level import Level
-from common.levels.shipped import generate
-from common.rail.compiled.world import CompiledWorld
-from common.rail.plain_env import plain_environment
-from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
-from tools.levels.library import forget_rails, library_environment
+from railctl.common.levels.bank import LevelBank
+from railctl.common.levels.chunks import chunk_name, write_chunk
+from railctl.common.levels.distributions import StockLevels, shipped
+from railctl.common.levels.level import Level
+from railctl.common.levels.shipped import generate
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.plain_env import plain_environment
+from railctl.tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
+from railctl.tools.levels.library import forget_rails, library_environment
 
 PASSES = 10  # over all levels of the bank, or it would be over before it can be timed
 ROOT, DISTANCE = 0, 6  # node and feature of a tree: the distance to the target

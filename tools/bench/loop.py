@@ -32,16 +32,16 @@ from typing import NamedTuple
 
 import torch
 
-from common.config import RunConfig
-from common.folder import RunFolder
-from common.levels.distributions import shipped
-from common.levels.supply import LevelSupply
-from common.records.rows import EpisodeRow, MetricRow
-from common.rows import read_rows
-from common.task import FAILED
-from tools.bench.cluster import NAME, WARM_UP, railctl
-from tools.bench.measuring import DisagreementError, Parser, Sample, count, row_of, show
-from tools.bench.plain_training import PlainTraining, Trained, settings_of
+from railctl.common.config import RunConfig
+from railctl.common.folder import RunFolder
+from railctl.common.levels.distributions import shipped
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.records.rows import EpisodeRow, MetricRow
+from railctl.common.rows import read_rows
+from railctl.common.task import FAILED
+from railctl.tools.bench.cluster import NAME, WARM_UP, railctl
+from railctl.tools.bench.measuring import DisagreementError, Parser, Sample, count, row_of, show
+from railctl.tools.bench.plain_training import PlainTraining, Trained, settings_of
 
 ALGORITHM = "dddqn"
 FIGURES = (("steps", "steps/s"), ("decisions", "decisions/s"), ("episodes", "episodes/s"), ("update", "ms/update"))

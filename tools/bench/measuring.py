@@ -23,7 +23,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from common.task import FAILED, WRONG_USAGE
+from railctl.common.task import FAILED, WRONG_USAGE
 
 REPEATS = 5
 Result = TypeVar("Result")

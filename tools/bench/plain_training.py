@@ -13,19 +13,19 @@ import numpy as np
 from flatland.envs.step_utils.states import TrainState
 from numpy.typing import NDArray
 
-from common.config import RunConfig
-from common.levels.level import Level
-from common.policy.networks import build_network
-from common.rail.decisions import decision_cells
-from common.rail.flatland_env import LegacyActions
-from common.rail.flatland_world import decides
-from common.rail.interlocking.signals import ALL_ACTIONS
-from common.rail.world import MOVE_FORWARD, N_ACTIONS
-from common.rules.values import ValueSettings
-from services.learner.textbook.plain_dqn import PlainDqn
-from services.learner.training import Batch
-from tools.bench.policy import choose, observed, study_environment
-from tools.levels.library import forget_rails
+from railctl.common.config import RunConfig
+from railctl.common.levels.level import Level
+from railctl.common.policy.networks import build_network
+from railctl.common.rail.decisions import decision_cells
+from railctl.common.rail.flatland_env import LegacyActions
+from railctl.common.rail.flatland_world import decides
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS
+from railctl.common.rail.world import MOVE_FORWARD, N_ACTIONS
+from railctl.common.rules.values import ValueSettings
+from railctl.services.learner.textbook.plain_dqn import PlainDqn
+from railctl.services.learner.training import Batch
+from railctl.tools.bench.policy import choose, observed, study_environment
+from railctl.tools.levels.library import forget_rails
 
 
 class Trained(NamedTuple):

@@ -33,27 +33,27 @@ from flatland.envs.observations import TreeObsForRailEnv
 from flatland.envs.rail_env_action import RailEnvActions
 from numpy.typing import NDArray
 
-from common.levels.distributions import shipped
-from common.levels.level import Level
-from common.levels.shipped import generate
-from common.policy.compiled import Twin
-from common.policy.networks import QNetwork, build_network, export_parameters, import_parameters
-from common.policy.player import Acting, network_layout, play
-from common.rail.flatland_env import LegacyActions, LevelEnv, StudyRewards
-from common.rail.interlocking.signals import Interlocking
-from common.rail.normalise import N_NODE_FEATURES, N_NODES, normalise
-from common.rail.observations.table import AnyObservation
-from common.rail.observations.traffic import TrafficObservation
-from common.rail.observations.traffic_shape import N_EXIT, N_TRAIN
-from common.rail.observations.tree import TreeObservation
-from common.rail.plain_env import StartReady, plain_environment
-from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, N_ACTIONS
-from common.records.course import Course
-from common.rules.settings import NetworkConfig
-from common.seeding import stream_key
-from tools.bench.conditions import study_rollouts
-from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
-from tools.levels.library import forget_rails
+from railctl.common.levels.distributions import shipped
+from railctl.common.levels.level import Level
+from railctl.common.levels.shipped import generate
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.networks import QNetwork, build_network, export_parameters, import_parameters
+from railctl.common.policy.player import Acting, network_layout, play
+from railctl.common.rail.flatland_env import LegacyActions, LevelEnv, StudyRewards
+from railctl.common.rail.interlocking.signals import Interlocking
+from railctl.common.rail.normalise import N_NODE_FEATURES, N_NODES, normalise
+from railctl.common.rail.observations.table import AnyObservation
+from railctl.common.rail.observations.traffic import TrafficObservation
+from railctl.common.rail.observations.traffic_shape import N_EXIT, N_TRAIN
+from railctl.common.rail.observations.tree import TreeObservation
+from railctl.common.rail.plain_env import StartReady, plain_environment
+from railctl.common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, N_ACTIONS
+from railctl.common.records.course import Course
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.seeding import stream_key
+from railctl.tools.bench.conditions import study_rollouts
+from railctl.tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
+from railctl.tools.levels.library import forget_rails
 
 DEPTH = 2
 EPSILON = 0.1

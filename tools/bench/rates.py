@@ -1,4 +1,4 @@
-"""python -m tools.bench.rates FILE: what runs take in one process without messages, for `railctl study plan`.
+"""python -m railctl.tools.bench.rates FILE: what runs take in one process without messages, for `railctl study plan`.
 
 FILE holds {"bank": folder of generated levels, "runs": {name: configuration}} in JSON. Of each run episodes are
 trained for two seconds, then a few levels are scored. The result has for each name `episode_s`, how many `episodes`
@@ -12,13 +12,13 @@ from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 
-from common.bounded import read_json
-from common.config import RunConfig, parse_config
-from common.levels.supply import LevelSupply
-from common.policy.flat import Arrays
-from common.policy.player import Acting, Players, chooser_of, play
-from common.task import Teller, carry_out, say
-from tools.bench.alone import Alone
+from railctl.common.bounded import read_json
+from railctl.common.config import RunConfig, parse_config
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.flat import Arrays
+from railctl.common.policy.player import Acting, Players, chooser_of, play
+from railctl.common.task import Teller, carry_out, say
+from railctl.tools.bench.alone import Alone
 
 WARM_UP = 2  # episodes that do not count
 COUNTED_S = 2.0  # of training, at least

@@ -21,20 +21,20 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.levels.distributions import shipped
-from common.levels.shipped import generate
-from common.policy.compiled import Twin
-from common.policy.networks import build_network, export_parameters
-from common.policy.player import Acting, network_layout, play
-from common.rail.normalise import N_FEATURES
-from common.rail.world import N_ACTIONS
-from common.rules.replay import PrioritizedReplay, UniformReplay
-from common.rules.settings import NetworkConfig
-from services.learner.replay.priorities import ADDED_TO_PRIORITY
-from services.learner.replay.replay import Replay
-from services.learner.sparse import SparseRows, dense_rows
-from tools.bench.conditions import study_rollouts
-from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
+from railctl.common.levels.distributions import shipped
+from railctl.common.levels.shipped import generate
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.networks import build_network, export_parameters
+from railctl.common.policy.player import Acting, network_layout, play
+from railctl.common.rail.normalise import N_FEATURES
+from railctl.common.rail.world import N_ACTIONS
+from railctl.common.rules.replay import PrioritizedReplay, UniformReplay
+from railctl.common.rules.settings import NetworkConfig
+from railctl.services.learner.replay.priorities import ADDED_TO_PRIORITY
+from railctl.services.learner.replay.replay import Replay
+from railctl.services.learner.sparse import SparseRows, dense_rows
+from railctl.tools.bench.conditions import study_rollouts
+from railctl.tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
 
 BATCH, EPISODE, CHUNK = 150, 300, 5_000  # transitions
 LEVELS, EPSILON = 10, 0.5

@@ -17,14 +17,14 @@ from flatland.envs.observations import TreeObsForRailEnv
 from flatland.envs.rail_env import RailEnv
 from numpy.typing import NDArray
 
-from common.levels.distributions import shipped
-from common.levels.level import Level
-from common.levels.shipped import generate
-from common.rail.compiled.world import CompiledWorld
-from common.rail.from_flatland import level_of
-from common.rail.plain_env import plain_environment
-from tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
-from tools.levels.library import forget_rails
+from railctl.common.levels.distributions import shipped
+from railctl.common.levels.level import Level
+from railctl.common.levels.shipped import generate
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.from_flatland import level_of
+from railctl.common.rail.plain_env import plain_environment
+from railctl.tools.bench.measuring import Comparison, DisagreementError, Sample, run, timed
+from railctl.tools.levels.library import forget_rails
 
 DEPTH = 2
 ACTION_MIX = (0.05, 0.1, 0.7, 0.1, 0.05)

@@ -1,1 +1,1 @@
-"""Levels built, checked, drawn, exchanged: `python -m tools.levels.tasks`."""
+"""Levels built, checked, drawn, exchanged: `python -m railctl.tools.levels.tasks`."""

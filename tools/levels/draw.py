@@ -17,10 +17,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Rectangle
 from numpy.typing import NDArray
 
-from common.levels.level import Level
-from common.rail.decisions import STEPS
-from common.rail.tracks import BED, COLOURS, GRID_LINE, GROUND, STEEL, arrowhead, tracks, way
-from tools.levels.routes import Place, shortest_route
+from railctl.common.levels.level import Level
+from railctl.common.rail.decisions import STEPS
+from railctl.common.rail.tracks import BED, COLOURS, GRID_LINE, GROUND, STEEL, arrowhead, tracks, way
+from railctl.tools.levels.routes import Place, shortest_route
 
 HEADINGS = "NESW"
 CELL_INCHES, MOST_INCHES = 0.34, 24.0  # of a cell, and of all

@@ -10,9 +10,9 @@ from pathlib import Path
 from flatland.core.env_observation_builder import DummyObservationBuilder
 from flatland.envs.persistence import RailEnvPersister
 
-from common.levels.level import Level
-from common.rail.plain_env import plain_environment
-from tools.levels.library import forget_rails
+from railctl.common.levels.level import Level
+from railctl.common.rail.plain_env import plain_environment
+from railctl.tools.levels.library import forget_rails
 
 
 def save_pickle(path: Path, level: Level) -> None:

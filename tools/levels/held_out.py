@@ -1,10 +1,10 @@
-"""`python -m tools.levels.held_out`: draws the rails that are kept from all training anew, and writes their file."""
+"""`python -m railctl.tools.levels.held_out`: draws the rails that are kept from all training anew, and writes their file."""
 
 import numpy as np
 
-from common.levels.distributions import shipped
-from common.levels.generate import generate
-from common.levels.held_out import FILE, HELD_OUT_LEVELS, draw_hashes
+from railctl.common.levels.distributions import shipped
+from railctl.common.levels.generate import generate
+from railctl.common.levels.held_out import FILE, HELD_OUT_LEVELS, draw_hashes
 
 
 def main() -> None:

@@ -12,8 +12,8 @@ from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
 from flatland.envs.timetable_generators import timetable_generator
 from flatland.envs.timetable_utils import Timetable
 
-from common.levels.distributions import StockLevels
-from common.levels.stock import shares_of
+from railctl.common.levels.distributions import StockLevels
+from railctl.common.levels.stock import shares_of
 
 
 def library_environment(levels: StockLevels, seed: int) -> RailEnv:

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.levels.level import Level
-from common.rail.decisions import STEPS, exits
+from railctl.common.levels.level import Level
+from railctl.common.rail.decisions import STEPS, exits
 
 Place = tuple[int, int, int]  # row, column, heading
 

@@ -1,4 +1,4 @@
-"""`python -m tools.levels.tasks REQUEST`: what the command line does with levels, where flatland may be imported.
+"""`python -m railctl.tools.levels.tasks REQUEST`: what the command line does with levels, where flatland may be imported.
 
 The request is a file (see `common.levels.requests`); how the answers go: see `common.task`.
 """
@@ -9,18 +9,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from common.bounded import read_json
-from common.levels import files
-from common.levels.bank import LevelBank
-from common.levels.build import Progress, build, build_training
-from common.levels.chunks import BankError, key_of
-from common.levels.distributions import LevelFiles
-from common.levels.files import Groups, LevelFileError
-from common.levels.held_out import AllHeldOutError
-from common.levels.level import InfeasibleLevelError, Level
-from common.levels.prepare import prepare
-from common.levels.reading import ReadFile, read, shape_name
-from common.levels.requests import (
+from railctl.common.bounded import read_json
+from railctl.common.levels import files
+from railctl.common.levels.bank import LevelBank
+from railctl.common.levels.build import Progress, build, build_training
+from railctl.common.levels.chunks import BankError, key_of
+from railctl.common.levels.distributions import LevelFiles
+from railctl.common.levels.files import Groups, LevelFileError
+from railctl.common.levels.held_out import AllHeldOutError
+from railctl.common.levels.level import InfeasibleLevelError, Level
+from railctl.common.levels.prepare import prepare
+from railctl.common.levels.reading import ReadFile, read, shape_name
+from railctl.common.levels.requests import (
     REQUESTS,
     BuildRequest,
     Drawn,
@@ -31,11 +31,11 @@ from common.levels.requests import (
     ShowRequest,
     VerifyRequest,
 )
-from common.levels.supply import LevelSupply
-from common.seeding import evaluation_level_seed, training_level_seed
-from common.strict import ConfigError
-from common.task import Teller, carry_out, say
-from tools.levels.verify import verify
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.seeding import evaluation_level_seed, training_level_seed
+from railctl.common.strict import ConfigError
+from railctl.common.task import Teller, carry_out, say
+from railctl.tools.levels.verify import verify
 
 MOST_EXPORTED = 100  # if no number is given
 
@@ -83,15 +83,15 @@ def verify_bank(request: VerifyRequest) -> None:
 
 def replay(request: ReplayRequest) -> None:
     """Replay recorded episodes, and count where they differ."""
-    from tools.recordings.replay import replay_file  # noqa: PLC0415  (compiled code, which no other task needs)
+    from railctl.tools.recordings.replay import replay_file  # noqa: PLC0415  (compiled code, which no other task needs)
 
     say({"file": str(request.file), **replay_file(request.file, Teller("episodes").tell).document()})
 
 
 def show(request: ShowRequest) -> None:
     """Draw one level."""
-    from tools.levels.draw import draw  # noqa: PLC0415  (matplotlib, which no other task needs)
-    from tools.levels.routes import numbers  # noqa: PLC0415
+    from railctl.tools.levels.draw import draw  # noqa: PLC0415  (matplotlib, which no other task needs)
+    from railctl.tools.levels.routes import numbers  # noqa: PLC0415
 
     level, title, left_out = _chosen(request)
     facts = numbers(level)
@@ -176,7 +176,7 @@ def export(request: ExportRequest) -> None:
 
 
 def _write_pickles(folder: Path, groups: Groups) -> int:
-    from tools.levels.export import save_pickle  # noqa: PLC0415  (flatland's files are not for every task)
+    from railctl.tools.levels.export import save_pickle  # noqa: PLC0415  (flatland's files are not for every task)
 
     folder.mkdir(parents=True, exist_ok=True)
     for name, levels in groups.items():

@@ -3,10 +3,10 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from common.levels.bank import LevelBank
-from common.levels.chunks import BankError
-from common.levels.distributions import Generated
-from common.levels.generate import generate
+from railctl.common.levels.bank import LevelBank
+from railctl.common.levels.chunks import BankError
+from railctl.common.levels.distributions import Generated
+from railctl.common.levels.generate import generate
 
 
 def verify(

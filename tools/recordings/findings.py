@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.recordings.recorded import Course, RecordedEpisode
+from railctl.tools.recordings.recorded import Course, RecordedEpisode
 
 FIELDS = ("position", "reward", "status", "required", "tree")
 

@@ -24,9 +24,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.levels.files import LevelFileError, problem_with
-from common.levels.level import Level
-from common.rail.world import N_ACTIONS
+from railctl.common.levels.files import LevelFileError, problem_with
+from railctl.common.levels.level import Level
+from railctl.common.rail.world import N_ACTIONS
 
 READY_TO_DEPART, ACTIVE, ARRIVED = 0, 1, 3  # 2 would be a train that has arrived and stays on the map
 DEPTHS = {5: 1, 21: 2, 85: 3}  # of trees, by their nodes

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from common.levels.files import LevelFileError, opened
-from common.rail.compiled.arrays import DONE, NOTHING, NOWHERE
-from common.rail.compiled.world import CompiledWorld
-from tools.recordings.findings import Findings
-from tools.recordings.recorded import (
+from railctl.common.levels.files import LevelFileError, opened
+from railctl.common.rail.compiled.arrays import DONE, NOTHING, NOWHERE
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.tools.recordings.findings import Findings
+from railctl.tools.recordings.recorded import (
     ACTIVE,
     ARRIVED,
     DEPTHS,

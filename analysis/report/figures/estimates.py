@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from analysis.report.figures.style import INK, Look, below, canvas, inches, lined
-from analysis.report.tables import Interval
+from railctl.analysis.report.figures.style import INK, Look, below, canvas, inches, lined
+from railctl.analysis.report.tables import Interval
 
 CELL_INCHES = 0.95, 0.55  # of a matrix
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from analysis.report.figures.style import FAINT, Look, canvas, inches, lined, spread
+from railctl.analysis.report.figures.style import FAINT, Look, canvas, inches, lined, spread
 
 Floats = NDArray[np.float64]
 LABEL_GAP = 0.055  # of the height of a panel

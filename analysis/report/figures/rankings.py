@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from analysis.report.figures.style import INK, Look, below, canvas, inches, lined
+from railctl.analysis.report.figures.style import INK, Look, below, canvas, inches, lined
 
 Rule = Literal["both", "textbook", "tool"]
 RULES: dict[Rule, tuple[str, str]] = {

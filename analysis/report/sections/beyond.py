@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import false_discovery_control
 
-from analysis import aggregates as statistics
-from analysis.report.figures.estimates import dots, matrix
-from analysis.report.figures.lines import Line, panels
-from analysis.report.figures.style import Look
-from analysis.report.parts import Figure, Part, Section
-from analysis.report.results import Rectangle, Results
-from analysis.report.sections.reliability import zone_title
-from analysis.report.sections.training import OPTIMAL
-from analysis.report.tables import NOTHING, Cell, Column, Interval, Table
+from railctl.analysis import aggregates as statistics
+from railctl.analysis.report.figures.estimates import dots, matrix
+from railctl.analysis.report.figures.lines import Line, panels
+from railctl.analysis.report.figures.style import Look
+from railctl.analysis.report.parts import Figure, Part, Section
+from railctl.analysis.report.results import Rectangle, Results
+from railctl.analysis.report.sections.reliability import zone_title
+from railctl.analysis.report.sections.training import OPTIMAL
+from railctl.analysis.report.tables import NOTHING, Cell, Column, Interval, Table
 
 TITLE = "Beyond the study"
 TAUS = np.linspace(-1, 0, 101)

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from analysis.report import published
-from analysis.report.parts import Part, Section
-from analysis.report.results import Results, Scored
-from analysis.report.tables import Cell, Column, Spread, Table
+from railctl.analysis.report import published
+from railctl.analysis.report.parts import Part, Section
+from railctl.analysis.report.results import Results, Scored
+from railctl.analysis.report.tables import Cell, Column, Spread, Table
 
 TITLE = "Final evaluation"
 COLUMNS = (

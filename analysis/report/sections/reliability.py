@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from analysis.report.figures.rankings import Ranking, Rule, rankings
-from analysis.report.figures.style import Look
-from analysis.report.parts import Figure, Part, Section
-from analysis.report.results import Rectangle, Results
-from analysis.report.tables import Cell, Column, Interval, Table
+from railctl.analysis.report.figures.rankings import Ranking, Rule, rankings
+from railctl.analysis.report.figures.style import Look
+from railctl.analysis.report.parts import Figure, Part, Section
+from railctl.analysis.report.results import Rectangle, Results
+from railctl.analysis.report.tables import Cell, Column, Interval, Table
 
 TEXTBOOK, TOOL = "textbook_by_0.05", "by_0.01"
 ZONES = ("Beginning", "Middle", "End")

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from analysis.report.parts import Listing, Part, Section
-from analysis.report.published import HYPERPARAMETERS, hyperparameters
-from analysis.report.results import Results
-from analysis.report.tables import Beside, Cell, Column, Table
-from common.config import RunConfig
-from common.strict import flat
+from railctl.analysis.report.parts import Listing, Part, Section
+from railctl.analysis.report.published import HYPERPARAMETERS, hyperparameters
+from railctl.analysis.report.results import Results
+from railctl.analysis.report.tables import Beside, Cell, Column, Table
+from railctl.common.config import RunConfig
+from railctl.common.strict import flat
 
 IN_TABLE = ("learning_rate", "batch_size", "learn_every_steps", "capacity", "epochs", "hidden")
 OF_RUNS = ("algorithm", "seed", "mix", "levels")

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from datetime import timedelta
 from importlib.metadata import version
 
-from analysis.report.parts import Listing, Section
-from analysis.report.results import Results, State, Trained
-from analysis.report.tables import Cell, Column, Table
+from railctl.analysis.report.parts import Listing, Section
+from railctl.analysis.report.results import Results, State, Trained
+from railctl.analysis.report.tables import Cell, Column, Table
 
 PACKAGES = ("railctl", "flatland-rl", "torch", "numpy", "scipy", "matplotlib")
 STATES: tuple[State, ...] = ("done", "unfinished", "failed", "missing")

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.report.figures.lines import Line, panels
-from analysis.report.figures.style import Look
-from analysis.report.parts import Figure, Section
-from analysis.report.results import Results
+from railctl.analysis.report.figures.lines import Line, panels
+from railctl.analysis.report.figures.style import Look
+from railctl.analysis.report.parts import Figure, Section
+from railctl.analysis.report.results import Results
 
 TITLE = "Training curves"
 COLUMNS = ("runs", "median", "low", "high")

@@ -11,8 +11,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
-from common.levels.compiled.twister import State, draw_below
+from railctl.common.kernel import bare_kernel, kernel
+from railctl.common.levels.compiled.twister import State, draw_below
 
 Cities = NDArray[np.int64]  # [C, FIELDS]
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
+from railctl.common.kernel import bare_kernel
 
 NO_WAY = -1
 

@@ -5,11 +5,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.levels.compiled.cities import Cities, by_distance, draw_cities, even_places, pick_places, reject_places
-from common.levels.compiled.rails import lay_rails
-from common.levels.compiled.twister import State
-from common.levels.distributions import Generated, LegacyLevels
-from common.levels.room import PADDING, Room
+from railctl.common.levels.compiled.cities import (
+    Cities,
+    by_distance,
+    draw_cities,
+    even_places,
+    pick_places,
+    reject_places,
+)
+from railctl.common.levels.compiled.rails import lay_rails
+from railctl.common.levels.compiled.twister import State
+from railctl.common.levels.distributions import Generated, LegacyLevels
+from railctl.common.levels.room import PADDING, Room
 
 
 class Layout(NamedTuple):

@@ -7,8 +7,8 @@ good cells is looked at next, and so take other ways.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.levels.compiled.repairs import NO_SIDE
+from railctl.common.kernel import bare_kernel
+from railctl.common.levels.compiled.repairs import NO_SIDE
 
 _UNSEEN, _OPEN, _CLOSED = 0, 1, 2
 _NO_PARENT = -1

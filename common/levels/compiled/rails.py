@@ -7,8 +7,8 @@ differs from 2.2.2 (ways of lines, order of repairs), both rules are here.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
-from common.levels.compiled.cities import (
+from railctl.common.kernel import bare_kernel, kernel
+from railctl.common.levels.compiled.cities import (
     COLUMN,
     FIRST_OUT,
     OUT,
@@ -21,10 +21,10 @@ from common.levels.compiled.cities import (
     outer_point,
     side_towards,
 )
-from common.levels.compiled.lines import LINE, SEARCH_ROWS, find_line, lay_line
-from common.levels.compiled.repairs import NO_SIDE, ahead, is_broken, repair
-from common.levels.compiled.set_order import city_cells_as_set
-from common.levels.compiled.twister import WORDS, seed_by_number
+from railctl.common.levels.compiled.lines import LINE, SEARCH_ROWS, find_line, lay_line
+from railctl.common.levels.compiled.repairs import NO_SIDE, ahead, is_broken, repair
+from railctl.common.levels.compiled.set_order import city_cells_as_set
+from railctl.common.levels.compiled.twister import WORDS, seed_by_number
 
 _REPAIR_SEED = 12  # the library repairs all maps with the same random numbers
 

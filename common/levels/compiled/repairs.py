@@ -6,8 +6,8 @@ Source: `cell_neighbours_valid` and `SparseRailGen.fix_transitions` of flatland-
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.levels.compiled.twister import State, draw_below
+from railctl.common.kernel import bare_kernel
+from railctl.common.levels.compiled.twister import State, draw_below
 
 NO_SIDE = -1
 

@@ -8,7 +8,7 @@ PYTHONHASHSEED.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
+from railctl.common.kernel import bare_kernel, kernel
 
 Table = NDArray[np.int64]  # [slots]: cells, as `row * W + column`; -1: none
 

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
-from common.levels.compiled.cities import SIDE, TRACKS, station
-from common.levels.compiled.distances import NO_WAY, measure
-from common.levels.compiled.layout import Layout
-from common.levels.compiled.twister import State, draw_below, draw_pair, draw_uniform
+from railctl.common.kernel import bare_kernel, kernel
+from railctl.common.levels.compiled.cities import SIDE, TRACKS, station
+from railctl.common.levels.compiled.distances import NO_WAY, measure
+from railctl.common.levels.compiled.layout import Layout
+from railctl.common.levels.compiled.twister import State, draw_below, draw_pair, draw_uniform
 
 _Ints = NDArray[np.int32]
 _Cities = NDArray[np.int64]

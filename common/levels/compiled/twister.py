@@ -9,7 +9,7 @@ import hashlib
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
+from railctl.common.kernel import bare_kernel
 
 State = NDArray[np.int64]  # [WORDS + 1]: 32 bits each, and the next one's place
 

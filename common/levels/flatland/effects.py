@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from common.levels.files import LATEST, LevelFileError
-from common.levels.flatland.inert import NotPlainError, Stub, number, sequence, whole
-from common.levels.level import Malfunctions
+from railctl.common.levels.files import LATEST, LevelFileError
+from railctl.common.levels.flatland.inert import NotPlainError, Stub, number, sequence, whole
+from railctl.common.levels.level import Malfunctions
 
 MALFUNCTIONS = "MalfunctionEffectsGenerator"
 SEVERAL = "MultiEffectsGeneratorWrapped"

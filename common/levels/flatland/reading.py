@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.bounded import read_bounded
-from common.levels.files import LARGEST_SIDE, LATEST, MOST_TRAINS, LevelFileError, problem_with
-from common.levels.flatland.effects import malfunctions
-from common.levels.flatland.inert import MOST_BYTES, NotPlainError, sequence, table, unpacked, unpickled, whole
-from common.levels.flatland.trains import Train, static_train, train_of
-from common.levels.level import Level, Malfunctions, Schedule
-from common.levels.plain import is_plain, usable_headings
+from railctl.common.bounded import read_bounded
+from railctl.common.levels.files import LARGEST_SIDE, LATEST, MOST_TRAINS, LevelFileError, problem_with
+from railctl.common.levels.flatland.effects import malfunctions
+from railctl.common.levels.flatland.inert import MOST_BYTES, NotPlainError, sequence, table, unpacked, unpickled, whole
+from railctl.common.levels.flatland.trains import Train, static_train, train_of
+from railctl.common.levels.level import Level, Malfunctions, Schedule
+from railctl.common.levels.plain import is_plain, usable_headings
 
 MOST_CELLS = 1_000_000
 NO_CITIES = 2  # as many are assumed

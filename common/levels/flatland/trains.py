@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from common.levels.files import LARGEST_SIDE, LATEST, LevelFileError
-from common.levels.flatland.inert import NotPlainError, Stub, number, sequence, whole
-from common.levels.speeds import speed_fraction
+from railctl.common.levels.files import LARGEST_SIDE, LATEST, LevelFileError
+from railctl.common.levels.flatland.inert import NotPlainError, Stub, number, sequence, whole
+from railctl.common.levels.speeds import speed_fraction
 
 MOST_FIELDS = 100
 MOST_ENDS = 64  # cells and headings at which a train may arrive

@@ -1,8 +1,8 @@
 """The distributions that ship with the project: see `common.levels.distributions.shipped`."""
 
-from common.levels.distributions import shipped
-from common.levels.generate import generate as generate_any
-from common.levels.level import Level
+from railctl.common.levels.distributions import shipped
+from railctl.common.levels.generate import generate as generate_any
+from railctl.common.levels.level import Level
 
 
 def generate(name: str, seed: int) -> Level:

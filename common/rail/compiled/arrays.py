@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.rail.compiled.malfunctions import KEY_WORDS, KNOWN_WORDS
+from railctl.common.rail.compiled.malfunctions import KEY_WORDS, KNOWN_WORDS
 
 WAITING, READY, BROKEN_OFF_MAP, MOVING, STOPPED, BROKEN, DONE = range(7)  # flatland's TrainState
 NOWHERE: Final = -1

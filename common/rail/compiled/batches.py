@@ -3,16 +3,16 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
-from common.rail.asking import unasked
-from common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, WAYS, Batch
-from common.rail.compiled.decisions import decides
-from common.rail.compiled.malfunctions import begin
-from common.rail.compiled.paths import lay_rails, measure, number_cells
-from common.rail.compiled.step import start, step
-from common.rail.interlocking.signals import OFF
-from common.rail.rewards.table import pay
-from common.rail.world import MOVE_LEFT, MOVE_RIGHT
+from railctl.common.kernel import bare_kernel, kernel
+from railctl.common.rail.asking import unasked
+from railctl.common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, WAYS, Batch
+from railctl.common.rail.compiled.decisions import decides
+from railctl.common.rail.compiled.malfunctions import begin
+from railctl.common.rail.compiled.paths import lay_rails, measure, number_cells
+from railctl.common.rail.compiled.step import start, step
+from railctl.common.rail.interlocking.signals import OFF
+from railctl.common.rail.rewards.table import pay
+from railctl.common.rail.world import MOVE_LEFT, MOVE_RIGHT
 
 LOADED, OFF_GRID, NO_ROOM, ASTRAY, TOO_FAR = range(5)
 

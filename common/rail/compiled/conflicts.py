@@ -28,9 +28,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.rail.compiled.arrays import NOTHING, NOWHERE
-from common.rail.compiled.ways import Ways, steps_to
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.compiled.arrays import NOTHING, NOWHERE
+from railctl.common.rail.compiled.ways import Ways, steps_to
 
 NEAR_CELLS: Final = 50.0
 STRETCH_CELLS: Final = 20.0

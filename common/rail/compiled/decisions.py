@@ -12,8 +12,8 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.rail.compiled.arrays import (
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.compiled.arrays import (
     BROKEN,
     DECIDES,
     MOVING,

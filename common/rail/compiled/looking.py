@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.rail.compiled.arrays import NOWHERE, Batch
-from common.rail.compiled.tree import STOCK, Sight, forecast, grow, standpoint
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.compiled.arrays import NOWHERE, Batch
+from railctl.common.rail.compiled.tree import STOCK, Sight, forecast, grow, standpoint
 
 
 @bare_kernel

@@ -7,8 +7,8 @@ breadth-first search a target, backwards from all its configurations.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
-from common.rail.compiled.arrays import (
+from railctl.common.kernel import bare_kernel, kernel
+from railctl.common.rail.compiled.arrays import (
     AHEAD_SHIFT,
     DEAD_END,
     DECIDES,

@@ -8,8 +8,8 @@ Source: `RailEnv.step`, `TrainStateMachine`, `SpeedCounter` and `MotionCheck` of
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.rail.compiled.arrays import (
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.compiled.arrays import (
     AHEAD_SHIFT,
     BROKEN,
     BROKEN_OFF_MAP,
@@ -25,8 +25,8 @@ from common.rail.compiled.arrays import (
     WAYS,
     Batch,
 )
-from common.rail.compiled.malfunctions import duration, is_struck
-from common.rail.world import DO_NOTHING, MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
+from railctl.common.rail.compiled.malfunctions import duration, is_struck
+from railctl.common.rail.world import DO_NOTHING, MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
 
 UNKNOWN, PASSES, STAYS = range(3)
 

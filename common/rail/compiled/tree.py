@@ -18,8 +18,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.rail.compiled.arrays import (
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.compiled.arrays import (
     AHEAD_SHIFT,
     DEAD_END,
     DONE,
@@ -35,9 +35,9 @@ from common.rail.compiled.arrays import (
     WAYS,
     Batch,
 )
-from common.rail.compiled.ways import Ways, ways_for
-from common.rail.interlocking.signals import Signals, signals_for
-from common.rail.observations.traffic_shape import N_EXITS, N_MEETING
+from railctl.common.rail.compiled.ways import Ways, ways_for
+from railctl.common.rail.interlocking.signals import Signals, signals_for
+from railctl.common.rail.observations.traffic_shape import N_EXITS, N_MEETING
 
 STOCK: Final = 0
 LEGACY: Final = 1

@@ -10,9 +10,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.rail.compiled.arrays import AHEAD_SHIFT, DONE, NOTHING, NOWHERE, SINGLE, UNREACHED, Batch
-from common.rail.compiled.step import leave
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.compiled.arrays import AHEAD_SHIFT, DONE, NOTHING, NOWHERE, SINGLE, UNREACHED, Batch
+from railctl.common.rail.compiled.step import leave
 
 AHEAD_CELLS: Final = 200  # what is farther away changes much before a train comes there
 

@@ -8,25 +8,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.levels.distributions import Bounds, Rules
-from common.levels.level import Level, Malfunctions
-from common.rail.asking import Asking, allowed_each, asking_of
-from common.rail.compiled.arrays import DONE, MOST_CELLS, Batch, empty_batch, enlarged
-from common.rail.compiled.batches import ASTRAY, NO_ROOM, OFF_GRID, TOO_FAR, break_from_now_on, load, step_all
-from common.rail.compiled.decisions import DECISIONS, Decisions
-from common.rail.compiled.looking import look_at_all
-from common.rail.compiled.malfunctions import WHOLE, MalfunctionGenerators, seeded
-from common.rail.compiled.tree import LEGACY, N_NODE_FEATURES, STOCK, Sight, nodes_of, sight_of
-from common.rail.interlocking.signals import ALL_ACTIONS, INTERLOCKINGS, OFF, Interlocking, Signals, signals_for
-from common.rail.observations.table import AnyObservation, header_of, look
-from common.rail.observations.tree import TreeObservation
-from common.rail.orders import Orders, orders_of
-from common.rail.planning.advising import Desk, desk_for
-from common.rail.planning.judging import Teacher, judge
-from common.rail.rewards.delay import score
-from common.rail.rewards.study import StudyReward
-from common.rail.rewards.table import AnyReward, weights_of
-from common.rail.world import check_level
+from railctl.common.levels.distributions import Bounds, Rules
+from railctl.common.levels.level import Level, Malfunctions
+from railctl.common.rail.asking import Asking, allowed_each, asking_of
+from railctl.common.rail.compiled.arrays import DONE, MOST_CELLS, Batch, empty_batch, enlarged
+from railctl.common.rail.compiled.batches import ASTRAY, NO_ROOM, OFF_GRID, TOO_FAR, break_from_now_on, load, step_all
+from railctl.common.rail.compiled.decisions import DECISIONS, Decisions
+from railctl.common.rail.compiled.looking import look_at_all
+from railctl.common.rail.compiled.malfunctions import WHOLE, MalfunctionGenerators, seeded
+from railctl.common.rail.compiled.tree import LEGACY, N_NODE_FEATURES, STOCK, Sight, nodes_of, sight_of
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS, INTERLOCKINGS, OFF, Interlocking, Signals, signals_for
+from railctl.common.rail.observations.table import AnyObservation, header_of, look
+from railctl.common.rail.observations.tree import TreeObservation
+from railctl.common.rail.orders import Orders, orders_of
+from railctl.common.rail.planning.advising import Desk, desk_for
+from railctl.common.rail.planning.judging import Teacher, judge
+from railctl.common.rail.rewards.delay import score
+from railctl.common.rail.rewards.study import StudyReward
+from railctl.common.rail.rewards.table import AnyReward, weights_of
+from railctl.common.rail.world import check_level
 
 PREDICTED_STEPS = 30
 STUDY_TREE, STUDY_REWARD = TreeObservation(), StudyReward()

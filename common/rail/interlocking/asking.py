@@ -22,13 +22,13 @@ Who could go to where another one is that has to be asked is asked after it, so 
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.rail.compiled.arrays import NOTHING, NOWHERE, SINGLE, UNREACHED, Batch
-from common.rail.compiled.decisions import decides
-from common.rail.compiled.step import destination
-from common.rail.interlocking.proof import is_proven, settle, vanish
-from common.rail.interlocking.routes import find_routes, is_free, lock, run_on
-from common.rail.interlocking.signals import (
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.compiled.arrays import NOTHING, NOWHERE, SINGLE, UNREACHED, Batch
+from railctl.common.rail.compiled.decisions import decides
+from railctl.common.rail.compiled.step import destination
+from railctl.common.rail.interlocking.proof import is_proven, settle, vanish
+from railctl.common.rail.interlocking.routes import find_routes, is_free, lock, run_on
+from railctl.common.rail.interlocking.signals import (
     ALL_ACTIONS,
     DECISIONS,
     MODE,
@@ -40,7 +40,7 @@ from common.rail.interlocking.signals import (
     VALID,
     Signals,
 )
-from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
+from railctl.common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
 
 FORWARD: int = 1 << MOVE_FORWARD
 STOP: int = 1 << STOP_MOVING

@@ -16,11 +16,11 @@ the same place is still to be found, since others only come to claim less.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.rail.compiled.arrays import NOTHING, NOWHERE, SINGLE, UNREACHED, Batch
-from common.rail.compiled.decisions import decides_there
-from common.rail.compiled.ways import nearer
-from common.rail.interlocking.signals import DECISIONS, PLACES, QUEUE, SEARCHES, STAMPS, Signals
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.compiled.arrays import NOTHING, NOWHERE, SINGLE, UNREACHED, Batch
+from railctl.common.rail.compiled.decisions import decides_there
+from railctl.common.rail.compiled.ways import nearer
+from railctl.common.rail.interlocking.signals import DECISIONS, PLACES, QUEUE, SEARCHES, STAMPS, Signals
 
 UNKNOWN: int = -2  # where a train rests
 LAST_SEARCH: int = 2**31 - 1  # that fits into 32 bits; then they are counted anew

@@ -19,11 +19,11 @@ route is plain track: one track without a switch, which all trains on it leave b
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.rail.compiled.arrays import AHEAD_SHIFT, NOTHING, NOWHERE, Batch
-from common.rail.compiled.decisions import decides, decides_there
-from common.rail.compiled.step import leave
-from common.rail.interlocking.signals import Signals
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.compiled.arrays import AHEAD_SHIFT, NOTHING, NOWHERE, Batch
+from railctl.common.rail.compiled.decisions import decides, decides_there
+from railctl.common.rail.compiled.step import leave
+from railctl.common.rail.interlocking.signals import Signals
 
 
 @bare_kernel

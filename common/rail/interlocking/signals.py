@@ -5,8 +5,8 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.rail.compiled.arrays import Batch
-from common.rail.world import N_ACTIONS
+from railctl.common.rail.compiled.arrays import Batch
+from railctl.common.rail.world import N_ACTIONS
 
 Interlocking = Literal["off", "valid", "safe", "planned"]
 OFF, VALID, SAFE, PLANNED = range(4)

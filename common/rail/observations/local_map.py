@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from common.kernel import bare_kernel
-from common.levels.distributions import Bounds, Rules
-from common.rail.compiled.arrays import Batch
-from common.rail.compiled.tree import Sight
-from common.rail.observations.maps import CHANNELS, MapObservation, draw_map, viewpoint
+from railctl.common.kernel import bare_kernel
+from railctl.common.levels.distributions import Bounds, Rules
+from railctl.common.rail.compiled.arrays import Batch
+from railctl.common.rail.compiled.tree import Sight
+from railctl.common.rail.observations.maps import CHANNELS, MapObservation, draw_map, viewpoint
 
 
 class LocalObservation(MapObservation):

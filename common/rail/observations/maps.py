@@ -22,9 +22,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, WAYS, Batch
-from common.strict import Strict
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, WAYS, Batch
+from railctl.common.strict import Strict
 
 CHANNELS: Final = 23
 OWN_HEADING, OTHER_HEADING, MALFUNCTION, SPEED, READY, OWN_TARGET, TARGETS = range(16, CHANNELS)

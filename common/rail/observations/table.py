@@ -6,16 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Tag
 
-from common.kernel import bare_kernel
-from common.levels.distributions import Bounds, Rules
-from common.rail.compiled.arrays import Batch
-from common.rail.compiled.decisions import DECISIONS, Decisions
-from common.rail.compiled.tree import Sight
-from common.rail.observations.global_map import GlobalObservation, look_at_maps
-from common.rail.observations.local_map import LocalObservation, look_around
-from common.rail.observations.traffic import TrafficObservation, look_at_traffic
-from common.rail.observations.tree import TreeObservation, look_at_trees
-from common.strict import by_kind
+from railctl.common.kernel import bare_kernel
+from railctl.common.levels.distributions import Bounds, Rules
+from railctl.common.rail.compiled.arrays import Batch
+from railctl.common.rail.compiled.decisions import DECISIONS, Decisions
+from railctl.common.rail.compiled.tree import Sight
+from railctl.common.rail.observations.global_map import GlobalObservation, look_at_maps
+from railctl.common.rail.observations.local_map import LocalObservation, look_around
+from railctl.common.rail.observations.traffic import TrafficObservation, look_at_traffic
+from railctl.common.rail.observations.tree import TreeObservation, look_at_trees
+from railctl.common.strict import by_kind
 
 AnyObservation = Annotated[
     Annotated[TreeObservation, Tag("tree")]

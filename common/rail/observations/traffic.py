@@ -64,16 +64,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from common.kernel import bare_kernel
-from common.levels.distributions import Bounds, Rules
-from common.rail.compiled.arrays import DONE, Batch
-from common.rail.compiled.tree import Sight
-from common.rail.compiled.ways import find_ways
-from common.rail.interlocking.asking import begin
-from common.rail.interlocking.signals import INTERLOCKINGS
-from common.rail.observations.traffic_numbers import describe_exits, describe_others, describe_train
-from common.rail.observations.traffic_shape import EXITS_END, N_EXIT, N_EXITS, N_ROW, N_TRAIN
-from common.strict import Strict
+from railctl.common.kernel import bare_kernel
+from railctl.common.levels.distributions import Bounds, Rules
+from railctl.common.rail.compiled.arrays import DONE, Batch
+from railctl.common.rail.compiled.tree import Sight
+from railctl.common.rail.compiled.ways import find_ways
+from railctl.common.rail.interlocking.asking import begin
+from railctl.common.rail.interlocking.signals import INTERLOCKINGS
+from railctl.common.rail.observations.traffic_numbers import describe_exits, describe_others, describe_train
+from railctl.common.rail.observations.traffic_shape import EXITS_END, N_EXIT, N_EXITS, N_ROW, N_TRAIN
+from railctl.common.strict import Strict
 
 
 class TrafficObservation(Strict):

@@ -5,16 +5,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.rail.compiled.arrays import BROKEN, DONE, NOTHING, NOWHERE, STOPPED, UNREACHED, Batch
-from common.rail.compiled.conflicts import NEVER, compare, nearness, scaled
-from common.rail.compiled.decisions import decides_there
-from common.rail.compiled.step import destination
-from common.rail.compiled.tree import Sight
-from common.rail.compiled.ways import trace
-from common.rail.interlocking.asking import allowed, valid
-from common.rail.observations.traffic_shape import N_EXITS, N_MEETING, N_OTHER
-from common.rail.world import MOVE_LEFT
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.compiled.arrays import BROKEN, DONE, NOTHING, NOWHERE, STOPPED, UNREACHED, Batch
+from railctl.common.rail.compiled.conflicts import NEVER, compare, nearness, scaled
+from railctl.common.rail.compiled.decisions import decides_there
+from railctl.common.rail.compiled.step import destination
+from railctl.common.rail.compiled.tree import Sight
+from railctl.common.rail.compiled.ways import trace
+from railctl.common.rail.interlocking.asking import allowed, valid
+from railctl.common.rail.observations.traffic_shape import N_EXITS, N_MEETING, N_OTHER
+from railctl.common.rail.world import MOVE_LEFT
 
 JOURNEY_CELLS: Final = 100.0
 DETOUR_CELLS: Final = 25.0

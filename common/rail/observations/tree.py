@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
-from common.kernel import bare_kernel
-from common.levels.distributions import Bounds, Rules
-from common.rail.compiled import tree as modes
-from common.rail.compiled.arrays import Batch
-from common.rail.compiled.tree import N_NODE_FEATURES, STOCK, Sight, forecast, grow, nodes_of
-from common.rail.normalise import (
+from railctl.common.kernel import bare_kernel
+from railctl.common.levels.distributions import Bounds, Rules
+from railctl.common.rail.compiled import tree as modes
+from railctl.common.rail.compiled.arrays import Batch
+from railctl.common.rail.compiled.tree import N_NODE_FEATURES, STOCK, Sight, forecast, grow, nodes_of
+from railctl.common.rail.normalise import (
     DETOUR_CELLS,
     JOURNEY_CELLS,
     LONG_MALFUNCTION_STEPS,
@@ -24,7 +24,7 @@ from common.rail.normalise import (
     NEAR_CELLS,
     journey_cells,
 )
-from common.strict import Strict
+from railctl.common.strict import Strict
 
 PLAIN: Final = 1  # of `features`
 NEAR: Final = np.float32(NEAR_CELLS)

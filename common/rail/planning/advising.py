@@ -10,15 +10,15 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.policy.streams import uniform
-from common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, UNREACHED, Batch
-from common.rail.compiled.decisions import CELLS
-from common.rail.compiled.step import leave
-from common.rail.planning.plans import by_distance, distance_left, plan
-from common.rail.planning.rails import action_out, any_way
-from common.rail.planning.search import ANYTHING, Room, pace, ready, room_for
-from common.rail.world import MOVE_FORWARD, STOP_MOVING
+from railctl.common.kernel import bare_kernel
+from railctl.common.policy.streams import uniform
+from railctl.common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, UNREACHED, Batch
+from railctl.common.rail.compiled.decisions import CELLS
+from railctl.common.rail.compiled.step import leave
+from railctl.common.rail.planning.plans import by_distance, distance_left, plan
+from railctl.common.rail.planning.rails import action_out, any_way
+from railctl.common.rail.planning.search import ANYTHING, Room, pace, ready, room_for
+from railctl.common.rail.world import MOVE_FORWARD, STOP_MOVING
 
 NONE: Final = -1  # no advice
 NO_PLAN: Final = -2

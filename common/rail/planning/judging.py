@@ -10,15 +10,15 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from common.kernel import bare_kernel
-from common.rail.compiled.arrays import NOWHERE, Batch
-from common.rail.compiled.decisions import CELLS
-from common.rail.compiled.step import destination
-from common.rail.interlocking.asking import valid
-from common.rail.planning.advising import NONE, Desk, by_lot, horizon
-from common.rail.planning.plans import by_distance, plan
-from common.rail.planning.rails import shortest_allowed
-from common.rail.world import MOVE_LEFT, STOP_MOVING
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.compiled.arrays import NOWHERE, Batch
+from railctl.common.rail.compiled.decisions import CELLS
+from railctl.common.rail.compiled.step import destination
+from railctl.common.rail.interlocking.asking import valid
+from railctl.common.rail.planning.advising import NONE, Desk, by_lot, horizon
+from railctl.common.rail.planning.plans import by_distance, plan
+from railctl.common.rail.planning.rails import shortest_allowed
+from railctl.common.rail.world import MOVE_LEFT, STOP_MOVING
 
 ENDLESS: Final = 1 << 60
 

@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
-from common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, Batch
-from common.rail.planning.rails import action_out, any_way
-from common.rail.planning.search import ANYTHING, FREE, Room, find, ready, soonest
-from common.rail.world import DO_NOTHING, STOP_MOVING
+from railctl.common.kernel import bare_kernel, kernel
+from railctl.common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, Batch
+from railctl.common.rail.planning.rails import action_out, any_way
+from railctl.common.rail.planning.search import ANYTHING, FREE, Room, find, ready, soonest
+from railctl.common.rail.world import DO_NOTHING, STOP_MOVING
 
 
 @bare_kernel

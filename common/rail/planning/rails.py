@@ -6,10 +6,10 @@ Arrays are those of a slot of `common.rail.compiled.arrays.Batch`.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.rail.compiled.arrays import NOTHING, SINGLE, UNREACHED, Batch
-from common.rail.compiled.step import destination
-from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.compiled.arrays import NOTHING, SINGLE, UNREACHED, Batch
+from railctl.common.rail.compiled.step import destination
+from railctl.common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
 
 
 @bare_kernel

@@ -18,11 +18,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.rail.compiled.arrays import DECIDES, NOTHING, NOWHERE, READY, UNREACHED, WAITING, Batch
-from common.rail.compiled.step import leave
-from common.rail.planning.rails import can_leave
-from common.rail.world import MOVE_FORWARD
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.compiled.arrays import DECIDES, NOTHING, NOWHERE, READY, UNREACHED, WAITING, Batch
+from railctl.common.rail.compiled.step import leave
+from railctl.common.rail.planning.rails import can_leave
+from railctl.common.rail.world import MOVE_FORWARD
 
 FREE: Final = -1
 ANYTHING: Final = -2  # that a train does first

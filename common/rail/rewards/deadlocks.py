@@ -16,10 +16,10 @@ The set is what is left of all trains on the map when, again and again, those ar
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
-from common.rail.compiled.arrays import NOTHING, NOWHERE, Batch
-from common.rail.compiled.step import leave
-from common.rail.world import MOVE_LEFT
+from railctl.common.kernel import bare_kernel, kernel
+from railctl.common.rail.compiled.arrays import NOTHING, NOWHERE, Batch
+from railctl.common.rail.compiled.step import leave
+from railctl.common.rail.world import MOVE_LEFT
 
 FREE = -2
 

@@ -17,9 +17,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.rail.compiled.arrays import DONE, NOWHERE, UNREACHED, Batch
-from common.strict import Strict
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.compiled.arrays import DONE, NOWHERE, UNREACHED, Batch
+from railctl.common.strict import Strict
 
 
 class DelayReward(Strict):

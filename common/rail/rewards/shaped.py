@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from common.kernel import kernel
-from common.rail.compiled.arrays import DONE, NOWHERE, UNREACHED, Batch
-from common.rail.rewards.deadlocks import find_deadlocks
-from common.rail.rewards.delay import payment
-from common.strict import Strict
+from railctl.common.kernel import kernel
+from railctl.common.rail.compiled.arrays import DONE, NOWHERE, UNREACHED, Batch
+from railctl.common.rail.rewards.deadlocks import find_deadlocks
+from railctl.common.rail.rewards.delay import payment
+from railctl.common.strict import Strict
 
 Weight = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]
 

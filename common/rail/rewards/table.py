@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Tag
 
-from common.kernel import bare_kernel
-from common.rail.compiled.arrays import Batch
-from common.rail.rewards.delay import DelayReward, pay_delay
-from common.rail.rewards.shaped import ShapedReward, pay_shaped
-from common.rail.rewards.study import StudyReward, pay_study
-from common.strict import by_kind
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.compiled.arrays import Batch
+from railctl.common.rail.rewards.delay import DelayReward, pay_delay
+from railctl.common.rail.rewards.shaped import ShapedReward, pay_shaped
+from railctl.common.rail.rewards.study import StudyReward, pay_study
+from railctl.common.strict import by_kind
 
 AnyReward = Annotated[
     Annotated[StudyReward, Tag("study")]

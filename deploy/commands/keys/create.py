@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from deploy.certificates import create, this_host
-from deploy.output import AsJson, one_line_errors, say
-from deploy.runs import runs_root
+from railctl.deploy.certificates import create, this_host
+from railctl.deploy.output import AsJson, one_line_errors, say
+from railctl.deploy.runs import runs_root
 
 
 @one_line_errors

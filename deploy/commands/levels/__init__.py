@@ -1,32 +1,32 @@
 """railctl levels: the bank of generated levels, pictures, recordings, and levels from and for flatland-rl."""
 
-from deploy.verbs import Verb, group
+from railctl.deploy.verbs import Verb, group
 
 app = group(
     "List, build, show, verify, import and export levels.",
     {
         "list": Verb(
-            "deploy.commands.levels.list:list_",
+            "railctl.deploy.commands.levels.list:list_",
             "List the levels that runs can be given: those that ship, and those of a run file.",
         ),
         "build": Verb(
-            "deploy.commands.levels.build:build",
+            "railctl.deploy.commands.levels.build:build",
             "Generate levels ahead of time, for all runs; goes on where an earlier build was stopped.",
         ),
         "verify": Verb(
-            "deploy.commands.levels.verify:verify",
+            "railctl.deploy.commands.levels.verify:verify",
             "Check the bank, or replay the recorded episodes of a file under the rules of flatland 2.2.2.",
         ),
         "show": Verb(
-            "deploy.commands.levels.show:show",
+            "railctl.deploy.commands.levels.show:show",
             "Draw a level: rails, trains with their headings, targets and shortest ways.",
         ),
         "import": Verb(
-            "deploy.commands.levels.exchange:import_",
+            "railctl.deploy.commands.levels.exchange:import_",
             "Gather levels of flatland-rl's files or .npz files in one .npz file.",
         ),
         "export": Verb(
-            "deploy.commands.levels.exchange:export",
+            "railctl.deploy.commands.levels.exchange:export",
             "Write levels to a file, for other programs or for flatland-rl's own tools.",
         ),
     },

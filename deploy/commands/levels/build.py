@@ -6,14 +6,14 @@ from typing import Annotated
 
 import typer
 
-from common.levels.bank import bank_root
-from common.levels.distributions import LevelFiles
-from common.levels.requests import BuildRequest
-from common.strict import ConfigError, shortened
-from deploy.commands.levels.options import Bank, RunFile, chosen
-from deploy.levels import ask, known_levels
-from deploy.output import AsJson, one_line_errors, say
-from deploy.runs import runs_root
+from railctl.common.levels.bank import bank_root
+from railctl.common.levels.distributions import LevelFiles
+from railctl.common.levels.requests import BuildRequest
+from railctl.common.strict import ConfigError, shortened
+from railctl.deploy.commands.levels.options import Bank, RunFile, chosen
+from railctl.deploy.levels import ask, known_levels
+from railctl.deploy.output import AsJson, one_line_errors, say
+from railctl.deploy.runs import runs_root
 
 SEEDS = re.compile(r"([0-9]{1,10})(?:-([0-9]{1,10}))?")
 MOST_LEVELS = 10_000_000

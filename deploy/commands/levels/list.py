@@ -4,10 +4,10 @@ from typing import Any
 
 from rich.table import Table
 
-from common.levels.distributions import AnyLevels, LevelFiles, StockLevels
-from deploy.commands.levels.options import RunFile
-from deploy.levels import known_levels
-from deploy.output import AsJson, one_line_errors, print_table, say
+from railctl.common.levels.distributions import AnyLevels, LevelFiles, StockLevels
+from railctl.deploy.commands.levels.options import RunFile
+from railctl.deploy.levels import known_levels
+from railctl.deploy.output import AsJson, one_line_errors, print_table, say
 
 COLUMNS = ("name", "rules", "size", "trains", "cities", "speeds", "malfunctions", "timetable", "held out")
 

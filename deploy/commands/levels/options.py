@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from common.levels.distributions import AnyLevels, shipped
-from common.levels.requests import Drawn
-from common.strict import ConfigError, nearest, shortened
-from deploy.levels import known_levels
+from railctl.common.levels.distributions import AnyLevels, shipped
+from railctl.common.levels.requests import Drawn
+from railctl.common.strict import ConfigError, nearest, shortened
+from railctl.deploy.levels import known_levels
 
 Bank = Annotated[
     Path | None, typer.Option(help="The bank's folder; default: $RAILCTL_LEVELS, or .levels beside the runs.")

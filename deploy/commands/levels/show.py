@@ -5,13 +5,13 @@ from typing import Annotated
 
 import typer
 
-from common.levels.bank import bank_root
-from common.levels.requests import ShowRequest
-from common.strict import ConfigError
-from deploy.commands.levels.options import Bank, Level, LevelFile, RunFile, drawn_from
-from deploy.levels import ask
-from deploy.output import AsJson, counted, one_line_errors, say
-from deploy.runs import runs_root
+from railctl.common.levels.bank import bank_root
+from railctl.common.levels.requests import ShowRequest
+from railctl.common.strict import ConfigError
+from railctl.deploy.commands.levels.options import Bank, Level, LevelFile, RunFile, drawn_from
+from railctl.deploy.levels import ask
+from railctl.deploy.output import AsJson, counted, one_line_errors, say
+from railctl.deploy.runs import runs_root
 
 
 @one_line_errors

@@ -6,14 +6,14 @@ from typing import Annotated, Any
 
 import typer
 
-from common.levels.bank import bank_root
-from common.levels.requests import ReplayRequest, VerifyRequest
-from common.strict import ConfigError
-from common.task import FAILED
-from deploy.commands.levels.options import Bank, RunFile
-from deploy.levels import ask, known_levels
-from deploy.output import AsJson, counted, one_line_errors, say
-from deploy.runs import runs_root
+from railctl.common.levels.bank import bank_root
+from railctl.common.levels.requests import ReplayRequest, VerifyRequest
+from railctl.common.strict import ConfigError
+from railctl.common.task import FAILED
+from railctl.deploy.commands.levels.options import Bank, RunFile
+from railctl.deploy.levels import ask, known_levels
+from railctl.deploy.output import AsJson, counted, one_line_errors, say
+from railctl.deploy.runs import runs_root
 
 SAMPLE = 100
 

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from deploy.study.described import shipped_studies
+from railctl.deploy.study.described import shipped_studies
 
 StudyName = Annotated[
     str,

@@ -4,12 +4,12 @@ from typing import Annotated
 
 import typer
 
-from deploy.backends.slurm import study_script
-from deploy.commands.study.options import OtherName, StudyName
-from deploy.output import one_line_errors
-from deploy.placement import placed_study
-from deploy.runs import runs_root
-from deploy.study.described import find_study, named
+from railctl.deploy.backends.slurm import study_script
+from railctl.deploy.commands.study.options import OtherName, StudyName
+from railctl.deploy.output import one_line_errors
+from railctl.deploy.placement import placed_study
+from railctl.deploy.runs import runs_root
+from railctl.deploy.study.described import find_study, named
 
 
 @one_line_errors

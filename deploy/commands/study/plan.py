@@ -7,19 +7,19 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from analysis.study import PlannedRun, Study, StudyFolder
-from common.config import RunConfig
-from common.levels.bank import bank_root
-from deploy.commands.study.options import Cores, OtherName, StudyName
-from deploy.output import AsJson, console, one_line_errors, print_table
-from deploy.runs import Failed, runs_root
-from deploy.show import duration
-from deploy.study.calibration import measure
-from deploy.study.described import configurations, find_study, named
-from deploy.study.estimate import Cell, Rate, measured, run_seconds, seconds_left
-from deploy.study.levels import missing_levels
-from deploy.study.progress import Looking, StudyProgress
-from deploy.study.work import alone, cores_of
+from railctl.analysis.study import PlannedRun, Study, StudyFolder
+from railctl.common.config import RunConfig
+from railctl.common.levels.bank import bank_root
+from railctl.deploy.commands.study.options import Cores, OtherName, StudyName
+from railctl.deploy.output import AsJson, console, one_line_errors, print_table
+from railctl.deploy.runs import Failed, runs_root
+from railctl.deploy.show import duration
+from railctl.deploy.study.calibration import measure
+from railctl.deploy.study.described import configurations, find_study, named
+from railctl.deploy.study.estimate import Cell, Rate, measured, run_seconds, seconds_left
+from railctl.deploy.study.levels import missing_levels
+from railctl.deploy.study.progress import Looking, StudyProgress
+from railctl.deploy.study.work import alone, cores_of
 
 GB = 1e9
 

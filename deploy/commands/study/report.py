@@ -1,10 +1,10 @@
 """railctl study report: the report on whatever is there of a study."""
 
-from deploy.commands.study.options import StudyName
-from deploy.output import AsJson, one_line_errors, say
-from deploy.study.described import find_folder
-from deploy.study.runner import REPORTER
-from deploy.task import run_task
+from railctl.deploy.commands.study.options import StudyName
+from railctl.deploy.output import AsJson, one_line_errors, say
+from railctl.deploy.study.described import find_folder
+from railctl.deploy.study.runner import REPORTER
+from railctl.deploy.task import run_task
 
 
 @one_line_errors

@@ -5,18 +5,18 @@ from typing import Annotated
 
 import typer
 
-from analysis.report import archive
-from analysis.study import Study, StudyFolder
-from common.folder import write_atomically
-from common.strict import ConfigError
-from deploy.commands.study.options import Cores, OtherName, StudyName
-from deploy.output import console, one_line_errors, print_table
-from deploy.runs import Failed, runs_root
-from deploy.study.described import configurations, find_study, named, save_study
-from deploy.study.progress import Looking, report_of
-from deploy.study.shares import parse_share
-from deploy.study.view import cell_table, headline
-from deploy.study.work import alone, carry_out, cores_of
+from railctl.analysis.report import archive
+from railctl.analysis.study import Study, StudyFolder
+from railctl.common.folder import write_atomically
+from railctl.common.strict import ConfigError
+from railctl.deploy.commands.study.options import Cores, OtherName, StudyName
+from railctl.deploy.output import console, one_line_errors, print_table
+from railctl.deploy.runs import Failed, runs_root
+from railctl.deploy.study.described import configurations, find_study, named, save_study
+from railctl.deploy.study.progress import Looking, report_of
+from railctl.deploy.study.shares import parse_share
+from railctl.deploy.study.view import cell_table, headline
+from railctl.deploy.study.work import alone, carry_out, cores_of
 
 
 @one_line_errors

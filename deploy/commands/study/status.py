@@ -2,15 +2,15 @@
 
 import json
 
-from analysis.study import StudyFolder, read_study
-from common.folder import RunFolder
-from deploy.commands.study.options import StudyName
-from deploy.output import AsJson, console, one_line_errors, print_table
-from deploy.study.described import find_folder
-from deploy.study.estimate import measured, seconds_left
-from deploy.study.progress import Looking, StudyProgress, commands, status_document
-from deploy.study.view import cell_table, headline
-from deploy.study.work import cores_of
+from railctl.analysis.study import StudyFolder, read_study
+from railctl.common.folder import RunFolder
+from railctl.deploy.commands.study.options import StudyName
+from railctl.deploy.output import AsJson, console, one_line_errors, print_table
+from railctl.deploy.study.described import find_folder
+from railctl.deploy.study.estimate import measured, seconds_left
+from railctl.deploy.study.progress import Looking, StudyProgress, commands, status_document
+from railctl.deploy.study.view import cell_table, headline
+from railctl.deploy.study.work import cores_of
 
 
 @one_line_errors

@@ -1,18 +1,18 @@
-"""python -m services.evaluator.references REQUEST: scores a reference policy on levels; answers as `common.task` says.
+"""python -m railctl.services.evaluator.references REQUEST: scores a reference policy on levels; answers as `common.task` says.
 
 It answers what `services.evaluator.score` answers of a checkpoint, with the policy's name besides.
 """
 
-from common.levels.chunks import BankError
-from common.levels.distributions import shipped
-from common.levels.files import LevelFileError
-from common.policy.player import compiled_world
-from common.requests import DRAWING, PLANNING, ReferenceRequest, asked
-from common.task import carry_out, say
-from common.world import WorldSpec
-from services.evaluator.references.policies import INTERLOCKINGS, reference_policy
-from services.evaluator.runner import UnplayableLevelError
-from services.evaluator.score import groups_of, played
+from railctl.common.levels.chunks import BankError
+from railctl.common.levels.distributions import shipped
+from railctl.common.levels.files import LevelFileError
+from railctl.common.policy.player import compiled_world
+from railctl.common.requests import DRAWING, PLANNING, ReferenceRequest, asked
+from railctl.common.task import carry_out, say
+from railctl.common.world import WorldSpec
+from railctl.services.evaluator.references.policies import INTERLOCKINGS, reference_policy
+from railctl.services.evaluator.runner import UnplayableLevelError
+from railctl.services.evaluator.score import groups_of, played
 
 
 def score(request: ReferenceRequest) -> None:

@@ -1,11 +1,11 @@
-"""python -m services.evaluator.references.compile: compiles the reference policies, so that no evaluation has to.
+"""python -m railctl.services.evaluator.references.compile: compiles the reference policies, so that no evaluation has to.
 
 The machine code is kept beside the sources, or in the user's cache where those cannot be written.
 """
 
-from common.requests import LevelChoice, Reference, ReferenceRequest
-from common.task import carry_out
-from services.evaluator.references.__main__ import score
+from railctl.common.requests import LevelChoice, Reference, ReferenceRequest
+from railctl.common.task import carry_out
+from railctl.services.evaluator.references.__main__ import score
 
 POLICIES: tuple[Reference, ...] = (
     "shortest-path",

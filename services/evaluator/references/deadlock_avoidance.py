@@ -19,13 +19,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
-from common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, READY, UNREACHED, WAYS, Batch
-from common.rail.compiled.paths import count_bits
-from common.rail.compiled.world import Parts
-from common.rail.planning.rails import action_out, shortest_way
-from common.rail.world import STOP_MOVING
-from services.evaluator.references.performing import Act
+from railctl.common.kernel import bare_kernel, kernel
+from railctl.common.rail.compiled.arrays import DONE, NOTHING, NOWHERE, READY, UNREACHED, WAYS, Batch
+from railctl.common.rail.compiled.paths import count_bits
+from railctl.common.rail.compiled.world import Parts
+from railctl.common.rail.planning.rails import action_out, shortest_way
+from railctl.common.rail.world import STOP_MOVING
+from railctl.services.evaluator.references.performing import Act
 
 MIN_FREE_CELLS = 1
 

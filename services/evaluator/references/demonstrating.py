@@ -16,18 +16,18 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import kernel
-from common.levels.level import Level
-from common.rail.compiled.decisions import CELLS
-from common.rail.compiled.world import CompiledWorld, Parts
-from common.rail.planning.advising import Desk, advise, desk_for
-from common.rail.planning.rails import shortest_allowed
-from common.rail.play import Choose, Decision, Stage
-from common.rail.world import DO_NOTHING, STOP_MOVING
-from common.records.course import NONE, Course
-from common.requests import Demonstrator
-from common.seeding import stream_key
-from services.evaluator.references.planner import actions_of_best_plan
+from railctl.common.kernel import kernel
+from railctl.common.levels.level import Level
+from railctl.common.rail.compiled.decisions import CELLS
+from railctl.common.rail.compiled.world import CompiledWorld, Parts
+from railctl.common.rail.planning.advising import Desk, advise, desk_for
+from railctl.common.rail.planning.rails import shortest_allowed
+from railctl.common.rail.play import Choose, Decision, Stage
+from railctl.common.rail.world import DO_NOTHING, STOP_MOVING
+from railctl.common.records.course import NONE, Course
+from railctl.common.requests import Demonstrator
+from railctl.common.seeding import stream_key
+from railctl.services.evaluator.references.planner import actions_of_best_plan
 
 Play = Callable[[int, Level, int], Course]  # number of the episode, its level, the seed of its malfunctions
 NO_STATE = 0

@@ -7,13 +7,13 @@ of equally short ways the leftmost. It waits only if no move is allowed.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import kernel
-from common.rail.asking import unasked
-from common.rail.compiled.arrays import NOTHING
-from common.rail.compiled.world import Parts
-from common.rail.interlocking.asking import allowed, begin, grant, next_asked
-from common.rail.planning.rails import shortest_allowed
-from services.evaluator.references.performing import Act
+from railctl.common.kernel import kernel
+from railctl.common.rail.asking import unasked
+from railctl.common.rail.compiled.arrays import NOTHING
+from railctl.common.rail.compiled.world import Parts
+from railctl.common.rail.interlocking.asking import allowed, begin, grant, next_asked
+from railctl.common.rail.planning.rails import shortest_allowed
+from railctl.services.evaluator.references.performing import Act
 
 
 def interlocked_shortest_path(_index: int, parts: Parts) -> Act:

@@ -8,14 +8,14 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from common.levels.level import Level
-from common.rail.compiled.arrays import NOTHING
-from common.rail.compiled.world import CompiledWorld, Parts
-from common.rail.interlocking.signals import ALL_ACTIONS
-from common.rail.world import DO_NOTHING
-from common.records.course import NONE, Course, Decisions
-from common.seeding import evaluation_malfunction_seed
-from services.evaluator.runner import Policy
+from railctl.common.levels.level import Level
+from railctl.common.rail.compiled.arrays import NOTHING
+from railctl.common.rail.compiled.world import CompiledWorld, Parts
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS
+from railctl.common.rail.world import DO_NOTHING
+from railctl.common.records.course import NONE, Course, Decisions
+from railctl.common.seeding import evaluation_malfunction_seed
+from railctl.services.evaluator.runner import Policy
 
 Act = Callable[[int], NDArray[np.int8]]  # steps so far -> [N], the actions of all trains
 Begin = Callable[[int, Parts], Act]  # number of the level, and the world at its start

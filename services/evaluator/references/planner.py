@@ -7,12 +7,12 @@ import numpy as np
 from numpy.random import Generator, Philox
 from numpy.typing import NDArray
 
-from common.rail.compiled.arrays import NOTHING
-from common.rail.compiled.world import Parts
-from common.rail.planning.plans import actions_for, plan
-from common.rail.planning.search import ANYTHING, room_for
-from common.seeding import stream_key
-from services.evaluator.references.performing import Act
+from railctl.common.rail.compiled.arrays import NOTHING
+from railctl.common.rail.compiled.world import Parts
+from railctl.common.rail.planning.plans import actions_for, plan
+from railctl.common.rail.planning.search import ANYTHING, room_for
+from railctl.common.seeding import stream_key
+from railctl.services.evaluator.references.performing import Act
 
 
 def planner(seed: int, orders: int, index: int, parts: Parts) -> Act:

@@ -14,16 +14,16 @@
 from collections.abc import Mapping
 from functools import partial
 
-from common.rail.compiled.world import CompiledWorld
-from common.rail.interlocking.signals import Interlocking
-from common.requests import ORDERS, Reference
-from services.evaluator.references.deadlock_avoidance import deadlock_avoidance
-from services.evaluator.references.interlocked import interlocked_shortest_path
-from services.evaluator.references.performing import Begin, policy_of
-from services.evaluator.references.planner import planner
-from services.evaluator.references.replanner import replanner
-from services.evaluator.references.simple import alone, at_random, shortest_path
-from services.evaluator.runner import Policy
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.interlocking.signals import Interlocking
+from railctl.common.requests import ORDERS, Reference
+from railctl.services.evaluator.references.deadlock_avoidance import deadlock_avoidance
+from railctl.services.evaluator.references.interlocked import interlocked_shortest_path
+from railctl.services.evaluator.references.performing import Begin, policy_of
+from railctl.services.evaluator.references.planner import planner
+from railctl.services.evaluator.references.replanner import replanner
+from railctl.services.evaluator.references.simple import alone, at_random, shortest_path
+from railctl.services.evaluator.runner import Policy
 
 INTERLOCKINGS: Mapping[Reference, Interlocking] = {"shortest-path-safe": "safe", "shortest-path-planned": "planned"}
 

@@ -6,12 +6,12 @@ It acts as a network does, where trains decide; a train that finds no way stops.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import kernel
-from common.rail.compiled.world import Parts
-from common.rail.planning.advising import NONE, Desk, advise, desk_for
-from common.rail.world import MOVE_FORWARD, STOP_MOVING
-from common.seeding import stream_key
-from services.evaluator.references.performing import Act
+from railctl.common.kernel import kernel
+from railctl.common.rail.compiled.world import Parts
+from railctl.common.rail.planning.advising import NONE, Desk, advise, desk_for
+from railctl.common.rail.world import MOVE_FORWARD, STOP_MOVING
+from railctl.common.seeding import stream_key
+from railctl.services.evaluator.references.performing import Act
 
 
 def replanner(seed: int, orders: int, index: int, parts: Parts) -> Act:

@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import kernel
-from common.levels.level import Level, Schedule
-from common.policy.choosing import draw_counter
-from common.policy.streams import uniform
-from common.rail.compiled.arrays import NOTHING, NOWHERE, Batch
-from common.rail.compiled.world import Parts
-from common.rail.planning.rails import action_out, any_way, shortest_way
-from common.rail.world import DO_NOTHING, MOVE_FORWARD, N_ACTIONS
-from common.records.course import NONE, Course
-from common.seeding import stream_key
-from services.evaluator.references.performing import Act, course
-from services.evaluator.runner import Policy
+from railctl.common.kernel import kernel
+from railctl.common.levels.level import Level, Schedule
+from railctl.common.policy.choosing import draw_counter
+from railctl.common.policy.streams import uniform
+from railctl.common.rail.compiled.arrays import NOTHING, NOWHERE, Batch
+from railctl.common.rail.compiled.world import Parts
+from railctl.common.rail.planning.rails import action_out, any_way, shortest_way
+from railctl.common.rail.world import DO_NOTHING, MOVE_FORWARD, N_ACTIONS
+from railctl.common.records.course import NONE, Course
+from railctl.common.seeding import stream_key
+from railctl.services.evaluator.references.performing import Act, course
+from railctl.services.evaluator.runner import Policy
 
 _ONE = np.uint64(1)
 COLUMNS = ("speeds", "earliest_departures", "latest_arrivals", "target_headings")  # of a schedule

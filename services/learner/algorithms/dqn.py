@@ -26,13 +26,13 @@ Deviations, all of them the study's own text unless said otherwise:
   (`replay/transitions.py`). `dqn.transitions: step` is the text's letter: one step, one gamma.
 """
 
-from common.policy.first_weights import first_values
-from common.rules.values import ValueSettings
-from services.learner.fused.dqn import FusedApart, FusedDqn
-from services.learner.learning import Learning
-from services.learner.replay.replay import Replay, Sample
-from services.learner.sparse import SparseRows
-from services.learner.training import ValueMethod, ValueTrainer
+from railctl.common.policy.first_weights import first_values
+from railctl.common.rules.values import ValueSettings
+from railctl.services.learner.fused.dqn import FusedApart, FusedDqn
+from railctl.services.learner.learning import Learning
+from railctl.services.learner.replay.replay import Replay, Sample
+from railctl.services.learner.sparse import SparseRows
+from railctl.services.learner.training import ValueMethod, ValueTrainer
 
 
 def build(learning: Learning[ValueSettings]) -> ValueTrainer:
@@ -45,7 +45,7 @@ def _method(learning: Learning[ValueSettings]) -> ValueMethod:
     if not settings.brings_module:
         learner = FusedApart if settings.network.kind == "dueling-apart" else FusedDqn
         return learner(settings.dqn, first_values(settings.network, *sizes))
-    from services.learner.textbook.dqn import Dqn  # noqa: PLC0415  (torch takes seconds)
+    from railctl.services.learner.textbook.dqn import Dqn  # noqa: PLC0415  (torch takes seconds)
 
     return Dqn(settings.dqn, settings.module(*sizes))
 

@@ -18,13 +18,13 @@ from functools import partial
 
 import numpy as np
 
-from common.policy.first_weights import first_recurrent
-from common.rules.drqn import Settings
-from services.learner.fused.drqn import FusedDrqn
-from services.learner.learning import Learning
-from services.learner.replay.replay import Replay, Sample
-from services.learner.sparse import SparseRows
-from services.learner.training import ValueTrainer
+from railctl.common.policy.first_weights import first_recurrent
+from railctl.common.rules.drqn import Settings
+from railctl.services.learner.fused.drqn import FusedDrqn
+from railctl.services.learner.learning import Learning
+from railctl.services.learner.replay.replay import Replay, Sample
+from railctl.services.learner.sparse import SparseRows
+from railctl.services.learner.training import ValueTrainer
 
 
 def build(learning: Learning[Settings]) -> ValueTrainer:

@@ -14,13 +14,13 @@ AISTATS 2011, arXiv:1011.0686: data set aggregation. The planner is asked at eve
 
 import numpy as np
 
-from common.records.course import NONE, Course
-from common.rules.imitate import ImitationConfig, Settings
-from services.learner.algorithms.ppo import check_finite
-from services.learner.experience import Counting, Experience, ExperienceReplay
-from services.learner.learning import Learning, Trainer
-from services.learner.policy_training import Policy, PolicyTrainer, build_network
-from services.learner.sparse import sparse_rows
+from railctl.common.records.course import NONE, Course
+from railctl.common.rules.imitate import ImitationConfig, Settings
+from railctl.services.learner.algorithms.ppo import check_finite
+from railctl.services.learner.experience import Counting, Experience, ExperienceReplay
+from railctl.services.learner.learning import Learning, Trainer
+from railctl.services.learner.policy_training import Policy, PolicyTrainer, build_network
+from railctl.services.learner.sparse import sparse_rows
 
 METRICS = ("cross_entropy", "value_loss", "agreement", "gradient_norm")
 LEAST_RATE = 0.01  # of the learning rate

@@ -23,11 +23,11 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from common.rules.policies import PolicySettings, PpoConfig
-from services.learner.experience import Experience
-from services.learner.learning import Learning, Trainer
-from services.learner.policy_training import Policy, PolicyTrainer, build_network
-from services.learner.sparse import SparseRows, sparse_rows
+from railctl.common.rules.policies import PolicySettings, PpoConfig
+from railctl.services.learner.experience import Experience
+from railctl.services.learner.learning import Learning, Trainer
+from railctl.services.learner.policy_training import Policy, PolicyTrainer, build_network
+from railctl.services.learner.sparse import SparseRows, sparse_rows
 
 METRICS = ("policy_loss", "value_loss", "entropy", "value_error", "clip_share", "kl", "gradient_norm")
 

@@ -8,12 +8,12 @@ actor what it already does, only what it has unlearned.
 What the text leaves open: there is no update until the replay holds a batch.
 """
 
-from common.rules.ppor import ReplayedPpoConfig, Settings
-from services.learner.algorithms.ppo import Ppo
-from services.learner.experience import Experience, ExperienceReplay, WithReplay
-from services.learner.learning import Learning, Trainer
-from services.learner.policy_training import Policy, PolicyTrainer, build_network
-from services.learner.sparse import sparse_rows
+from railctl.common.rules.ppor import ReplayedPpoConfig, Settings
+from railctl.services.learner.algorithms.ppo import Ppo
+from railctl.services.learner.experience import Experience, ExperienceReplay, WithReplay
+from railctl.services.learner.learning import Learning, Trainer
+from railctl.services.learner.policy_training import Policy, PolicyTrainer, build_network
+from railctl.services.learner.sparse import sparse_rows
 
 
 class FromReplay(WithReplay):

@@ -23,12 +23,12 @@ What the text leaves open:
 import numpy as np
 from numpy.typing import NDArray
 
-from common.rules.sil import Settings, SilConfig
-from services.learner.algorithms.ppo import WholeEpisodes, check_finite
-from services.learner.experience import Counting, Experience, ExperienceReplay
-from services.learner.learning import Learning, Trainer
-from services.learner.policy_training import Policy, PolicyTrainer, build_network
-from services.learner.sparse import SparseRows, sparse_rows
+from railctl.common.rules.sil import Settings, SilConfig
+from railctl.services.learner.algorithms.ppo import WholeEpisodes, check_finite
+from railctl.services.learner.experience import Counting, Experience, ExperienceReplay
+from railctl.services.learner.learning import Learning, Trainer
+from railctl.services.learner.policy_training import Policy, PolicyTrainer, build_network
+from railctl.services.learner.sparse import SparseRows, sparse_rows
 
 METRICS = ("sil_policy_loss", "sil_value_loss", "sil_gain", "sil_positive_share", "sil_gradient_norm")
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
-from common.policy.twin import join_heads
-from services.learner.fused.adam import corrections
-from services.learner.fused.packed import GRADIENT, MEAN, SQUARE, TARGET, VALUES, follow
-from services.learner.fused.perceptron import descend, gradients, head, mark, norm, outputs, room_for
+from railctl.common.kernel import bare_kernel, kernel
+from railctl.common.policy.twin import join_heads
+from railctl.services.learner.fused.adam import corrections
+from railctl.services.learner.fused.packed import GRADIENT, MEAN, SQUARE, TARGET, VALUES, follow
+from railctl.services.learner.fused.perceptron import descend, gradients, head, mark, norm, outputs, room_for
 
 _Floats = NDArray[np.float32]
 _Ints = NDArray[np.int64]

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.policy.arithmetic import tanh32
+from railctl.common.kernel import bare_kernel
+from railctl.common.policy.arithmetic import tanh32
 
 _Floats = NDArray[np.float32]
 _ZERO, _ONE, _HALF = np.float32(0), np.float32(1), np.float32(0.5)

@@ -10,12 +10,22 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
-from services.learner.fused.adam import corrections
-from services.learner.fused.packed import GRADIENT, MEAN, SQUARE, VALUES
-from services.learner.fused.perceptron import Room, descend, gradients, head, mark, norm, outputs, part_of, room_for
-from services.learner.fused.policy_losses import anchor_loss, cloning_loss, imitation_loss, ppo_loss
-from services.learner.fused.tile import WIDTH
+from railctl.common.kernel import bare_kernel, kernel
+from railctl.services.learner.fused.adam import corrections
+from railctl.services.learner.fused.packed import GRADIENT, MEAN, SQUARE, VALUES
+from railctl.services.learner.fused.perceptron import (
+    Room,
+    descend,
+    gradients,
+    head,
+    mark,
+    norm,
+    outputs,
+    part_of,
+    room_for,
+)
+from railctl.services.learner.fused.policy_losses import anchor_loss, cloning_loss, imitation_loss, ppo_loss
+from railctl.services.learner.fused.tile import WIDTH
 
 _Floats = NDArray[np.float32]
 _Doubles = NDArray[np.float64]

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
+from railctl.common.kernel import bare_kernel
 
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
 LEAST = np.float32(2.0**-126)

@@ -5,13 +5,13 @@ from functools import partial
 
 import numpy as np
 
-from common.policy.first_weights import FirstNetwork
-from common.policy.packing import Layout
-from common.rules.values import DqnConfig
-from services.learner.fused import action_values, values_apart
-from services.learner.fused.packed import TARGET, VALUES, Packed, Training
-from services.learner.sparse import sparse_rows
-from services.learner.training import Batch, Update
+from railctl.common.policy.first_weights import FirstNetwork
+from railctl.common.policy.packing import Layout
+from railctl.common.rules.values import DqnConfig
+from railctl.services.learner.fused import action_values, values_apart
+from railctl.services.learner.fused.packed import TARGET, VALUES, Packed, Training
+from railctl.services.learner.sparse import sparse_rows
+from railctl.services.learner.training import Batch, Update
 
 METRICS = ("loss", "mean_q", "td_error", "gradient_norm")
 

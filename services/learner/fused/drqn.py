@@ -2,11 +2,11 @@
 
 from functools import partial
 
-from common.policy.first_weights import FirstNetwork
-from common.rules.values import DqnConfig
-from services.learner.fused import recurrent_values
-from services.learner.fused.dqn import FusedValues
-from services.learner.fused.packed import PackedRecurrent
+from railctl.common.policy.first_weights import FirstNetwork
+from railctl.common.rules.values import DqnConfig
+from railctl.services.learner.fused import recurrent_values
+from railctl.services.learner.fused.dqn import FusedValues
+from railctl.services.learner.fused.packed import PackedRecurrent
 
 
 class FusedDrqn(FusedValues):

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.policy.flat import Flat, Order
-from common.policy.named import copies, overwrite
-from common.policy.packing import GATES, Layout
-from services.learner.fused.tile import WIDTH
+from railctl.common.kernel import bare_kernel
+from railctl.common.policy.flat import Flat, Order
+from railctl.common.policy.named import copies, overwrite
+from railctl.common.policy.packing import GATES, Layout
+from railctl.services.learner.fused.tile import WIDTH
 
 VALUES, GRADIENT, MEAN, SQUARE, TARGET = range(5)  # rows of `Training.arrays`
 

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
-from services.learner.fused.activations import activate, differentiate
-from services.learner.fused.adam import move
-from services.learner.fused.products import forward, input_gradient, weight_gradient
-from services.learner.fused.tile import HEIGHT, WIDTH
-from services.learner.sparse import accumulate, multiply
+from railctl.common.kernel import bare_kernel, kernel
+from railctl.services.learner.fused.activations import activate, differentiate
+from railctl.services.learner.fused.adam import move
+from railctl.services.learner.fused.products import forward, input_gradient, weight_gradient
+from railctl.services.learner.fused.tile import HEIGHT, WIDTH
+from railctl.services.learner.sparse import accumulate, multiply
 
 _Floats = NDArray[np.float32]
 _Ints = NDArray[np.int64]

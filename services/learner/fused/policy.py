@@ -3,14 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.policy.first_weights import FirstNetwork
-from common.policy.packing import Layout
-from common.rules.policies import PpoConfig
-from services.learner.experience import Experience
-from services.learner.fused.actor_critic import clone, evaluate, imitate, ppo
-from services.learner.fused.packed import VALUES, Packed, Training
-from services.learner.fused.reconsidering import reconsider
-from services.learner.sparse import SparseRows
+from railctl.common.policy.first_weights import FirstNetwork
+from railctl.common.policy.packing import Layout
+from railctl.common.rules.policies import PpoConfig
+from railctl.services.learner.experience import Experience
+from railctl.services.learner.fused.actor_critic import clone, evaluate, imitate, ppo
+from railctl.services.learner.fused.packed import VALUES, Packed, Training
+from railctl.services.learner.fused.reconsidering import reconsider
+from railctl.services.learner.sparse import SparseRows
 
 PPO_NUMBERS = 8  # of an update: what `policy_losses` names, the norm of all gradients, the loss
 IMITATION_NUMBERS = 6

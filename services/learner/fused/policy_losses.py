@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.policy.arithmetic import Real, exp, log
-from services.learner.fused.tile import WIDTH
+from railctl.common.kernel import bare_kernel
+from railctl.common.policy.arithmetic import Real, exp, log
+from railctl.services.learner.fused.tile import WIDTH
 
 _Floats = NDArray[np.float32]
 FLOOR = 1e-3  # of scaled advantages: a tenth of a step; lesser differences are not blown up to 1

@@ -9,8 +9,8 @@ those that nobody asked for is never read.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from services.learner.fused.tile import HEIGHT, WIDTH, tile
+from railctl.common.kernel import bare_kernel
+from railctl.services.learner.fused.tile import HEIGHT, WIDTH, tile
 
 _Floats = NDArray[np.float32]
 

@@ -4,11 +4,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import kernel
-from services.learner.fused.actor_critic import look
-from services.learner.fused.perceptron import head, room_for
-from services.learner.fused.policy_losses import softmax
-from services.learner.fused.tile import WIDTH
+from railctl.common.kernel import kernel
+from railctl.services.learner.fused.actor_critic import look
+from railctl.services.learner.fused.perceptron import head, room_for
+from railctl.services.learner.fused.policy_losses import softmax
+from railctl.services.learner.fused.tile import WIDTH
 
 _Floats = NDArray[np.float32]
 _Ints = NDArray[np.int64]

@@ -16,12 +16,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
-from common.policy.arithmetic import tanh32
-from services.learner.fused.activations import sigmoid32
-from services.learner.fused.perceptron import room_rows
-from services.learner.fused.products import multiply_panels, pack_panels, pack_panels_turned, weight_gradient
-from services.learner.fused.tile import WIDTH
+from railctl.common.kernel import bare_kernel, kernel
+from railctl.common.policy.arithmetic import tanh32
+from railctl.services.learner.fused.activations import sigmoid32
+from railctl.services.learner.fused.perceptron import room_rows
+from railctl.services.learner.fused.products import multiply_panels, pack_panels, pack_panels_turned, weight_gradient
+from railctl.services.learner.fused.tile import WIDTH
 
 _Floats = NDArray[np.float32]
 _Ints = NDArray[np.int64]

@@ -7,11 +7,11 @@ What the update is is said in `algorithms.drqn`.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
-from services.learner.fused.action_values import err, pick, score, step
-from services.learner.fused.packed import GRADIENT, VALUES
-from services.learner.fused.perceptron import Room, head, mark, room_for, upper_gradients, upper_outputs
-from services.learner.fused.recurrent import Line, Memory, line_up, memory_for, run, run_back
+from railctl.common.kernel import bare_kernel, kernel
+from railctl.services.learner.fused.action_values import err, pick, score, step
+from railctl.services.learner.fused.packed import GRADIENT, VALUES
+from railctl.services.learner.fused.perceptron import Room, head, mark, room_for, upper_gradients, upper_outputs
+from railctl.services.learner.fused.recurrent import Line, Memory, line_up, memory_for, run, run_back
 
 _Floats = NDArray[np.float32]
 _Ints = NDArray[np.int64]

@@ -7,11 +7,21 @@ Both are stacks (`perceptron`); their arrays lie one behind the other (`packed`)
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel, kernel
-from services.learner.fused.action_values import NORM, err, pick, score
-from services.learner.fused.adam import corrections
-from services.learner.fused.packed import GRADIENT, MEAN, SQUARE, TARGET, VALUES, follow
-from services.learner.fused.perceptron import Room, descend, gradients, head, mark, norm, outputs, part_of, room_for
+from railctl.common.kernel import bare_kernel, kernel
+from railctl.services.learner.fused.action_values import NORM, err, pick, score
+from railctl.services.learner.fused.adam import corrections
+from railctl.services.learner.fused.packed import GRADIENT, MEAN, SQUARE, TARGET, VALUES, follow
+from railctl.services.learner.fused.perceptron import (
+    Room,
+    descend,
+    gradients,
+    head,
+    mark,
+    norm,
+    outputs,
+    part_of,
+    room_for,
+)
 
 _Floats = NDArray[np.float32]
 _Ints = NDArray[np.int64]

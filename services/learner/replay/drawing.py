@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from services.learner.replay.philox import draw_below, draw_uniform
-from services.learner.replay.prefetch import prefetch
-from services.learner.replay.priorities import find, weigh
-from services.learner.replay.rows import Words, unfold
+from railctl.common.kernel import bare_kernel
+from railctl.services.learner.replay.philox import draw_below, draw_uniform
+from railctl.services.learner.replay.prefetch import prefetch
+from railctl.services.learner.replay.priorities import find, weigh
+from railctl.services.learner.replay.rows import Words, unfold
 
 
 @bare_kernel

@@ -9,7 +9,7 @@ generation in an interval", 2019, from halves of words, the lower one first.
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
+from railctl.common.kernel import bare_kernel
 
 _Words = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
 

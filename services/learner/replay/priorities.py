@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from common.policy.arithmetic import power
+from railctl.common.kernel import bare_kernel
+from railctl.common.policy.arithmetic import power
 
 ADDED_TO_PRIORITY = 1e-6
 

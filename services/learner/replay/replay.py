@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from common.kernel import bare_kernel
-from common.rules.replay import PrioritizedReplay, ReplayConfig
-from services.learner.replay.drawing import draw, draw_by_priority, lay_down
-from services.learner.replay.priorities import Priorities
-from services.learner.replay.rows import RowRing, RowsOut
-from services.learner.sparse import SparseRows
+from railctl.common.kernel import bare_kernel
+from railctl.common.rules.replay import PrioritizedReplay, ReplayConfig
+from railctl.services.learner.replay.drawing import draw, draw_by_priority, lay_down
+from railctl.services.learner.replay.priorities import Priorities
+from railctl.services.learner.replay.rows import RowRing, RowsOut
+from railctl.services.learner.sparse import SparseRows
 
 BACK = "back"  # the column that `histories` follows
 ROWS = "rows"  # of a state

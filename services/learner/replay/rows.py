@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.kernel import bare_kernel
-from services.learner.replay.prefetch import prefetch
+from railctl.common.kernel import bare_kernel
+from railctl.services.learner.replay.prefetch import prefetch
 
 WORDS_PER_LINE = 16  # of the cache
 LINES = 4  # that two rows of an observation lie in

@@ -26,11 +26,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from common.kernel import bare_kernel
-from common.rail.interlocking.signals import ALL_ACTIONS
-from common.records.acting import Fragment
-from common.records.course import Course, Decisions
-from services.learner.replay.replay import Items
+from railctl.common.kernel import bare_kernel
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS
+from railctl.common.records.acting import Fragment
+from railctl.common.records.course import Course, Decisions
+from railctl.services.learner.replay.replay import Items
 
 ROWS = ("observation_tm1", "observation_t")
 COLUMNS: Mapping[str, DTypeLike] = {

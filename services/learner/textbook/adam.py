@@ -4,8 +4,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from services.learner.fused.adam import corrections, move
-from services.learner.textbook.parameters import Parameters
+from railctl.services.learner.fused.adam import corrections, move
+from railctl.services.learner.textbook.parameters import Parameters
 
 
 class Adam:

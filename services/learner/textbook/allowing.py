@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from services.learner.textbook.shapes import check_shapes
+from railctl.services.learner.textbook.shapes import check_shapes
 
 
 def allowed_only(scores: Tensor, allowed: Tensor) -> Tensor:

@@ -8,14 +8,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from common.policy.networks import export_tensors, import_tensors
-from common.rules.values import DqnConfig
-from services.learner.sparse import SparseRows, sparse_rows
-from services.learner.textbook.adam import Adam
-from services.learner.textbook.allowing import allowed_only
-from services.learner.textbook.modules import ModuleValues
-from services.learner.textbook.shapes import check_shapes
-from services.learner.training import Batch, Update
+from railctl.common.policy.networks import export_tensors, import_tensors
+from railctl.common.rules.values import DqnConfig
+from railctl.services.learner.sparse import SparseRows, sparse_rows
+from railctl.services.learner.textbook.adam import Adam
+from railctl.services.learner.textbook.allowing import allowed_only
+from railctl.services.learner.textbook.modules import ModuleValues
+from railctl.services.learner.textbook.shapes import check_shapes
+from railctl.services.learner.training import Batch, Update
 
 
 def q_target(r_t: Tensor, discount_t: Tensor, q_target_t: Tensor) -> Tensor:

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from services.learner.sparse import SparseRows, dense_rows
-from services.learner.textbook.parameters import Parameters
+from railctl.services.learner.sparse import SparseRows, dense_rows
+from railctl.services.learner.textbook.parameters import Parameters
 
 
 class ModuleBody:

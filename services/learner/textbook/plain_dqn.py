@@ -7,13 +7,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from common.policy.networks import export_parameters
-from common.policy.recurrent import RecurrentQNetwork
-from common.rules.values import DqnConfig
-from services.learner.sparse import Observations, dense_rows
-from services.learner.textbook.allowing import allowed_only
-from services.learner.textbook.dqn import TensorBatch
-from services.learner.training import Batch
+from railctl.common.policy.networks import export_parameters
+from railctl.common.policy.recurrent import RecurrentQNetwork
+from railctl.common.rules.values import DqnConfig
+from railctl.services.learner.sparse import Observations, dense_rows
+from railctl.services.learner.textbook.allowing import allowed_only
+from railctl.services.learner.textbook.dqn import TensorBatch
+from railctl.services.learner.training import Batch
 
 
 class PlainDqn:

@@ -6,20 +6,20 @@ The losses are ours; network, gradients and optimiser are torch's own.
 import torch
 from torch import Tensor, nn, optim
 
-from common.policy.actor_critic import ActorCritic
-from common.rules.policies import PpoConfig
-from common.rules.sil import SilConfig
-from services.learner.experience import Experience
-from services.learner.sparse import dense_rows
-from services.learner.textbook.allowing import allowed_only
-from services.learner.textbook.ppo import (
+from railctl.common.policy.actor_critic import ActorCritic
+from railctl.common.rules.policies import PpoConfig
+from railctl.common.rules.sil import SilConfig
+from railctl.services.learner.experience import Experience
+from railctl.services.learner.sparse import dense_rows
+from railctl.services.learner.textbook.allowing import allowed_only
+from railctl.services.learner.textbook.ppo import (
     clipped_surrogate,
     clipped_value_loss,
     entropy,
     log_probability,
     standardised,
 )
-from services.learner.textbook.sil import imitation_policy_loss, imitation_value_loss
+from railctl.services.learner.textbook.sil import imitation_policy_loss, imitation_value_loss
 
 
 class PlainPolicy:

@@ -11,15 +11,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from common.policy.networks import export_tensors, import_tensors
-from common.rules.policies import PpoConfig
-from services.learner.experience import Experience
-from services.learner.fused.policy import PPO_NUMBERS, Imitation
-from services.learner.sparse import SparseRows
-from services.learner.textbook.adam import Adam
-from services.learner.textbook.allowing import allowed_only
-from services.learner.textbook.modules import ModulePolicy
-from services.learner.textbook.ppo import (
+from railctl.common.policy.networks import export_tensors, import_tensors
+from railctl.common.rules.policies import PpoConfig
+from railctl.services.learner.experience import Experience
+from railctl.services.learner.fused.policy import PPO_NUMBERS, Imitation
+from railctl.services.learner.sparse import SparseRows
+from railctl.services.learner.textbook.adam import Adam
+from railctl.services.learner.textbook.allowing import allowed_only
+from railctl.services.learner.textbook.modules import ModulePolicy
+from railctl.services.learner.textbook.ppo import (
     clipped_surrogate,
     clipped_value_loss,
     divergence,
@@ -27,7 +27,7 @@ from services.learner.textbook.ppo import (
     log_probability,
     standardised,
 )
-from services.learner.textbook.sil import imitation_policy_loss, imitation_value_loss
+from railctl.services.learner.textbook.sil import imitation_policy_loss, imitation_value_loss
 
 
 class PolicyNetwork:

@@ -3,8 +3,8 @@
 import torch
 from torch import Tensor
 
-from services.learner.fused.policy_losses import FLOOR
-from services.learner.textbook.shapes import check_shapes
+from railctl.services.learner.fused.policy_losses import FLOOR
+from railctl.services.learner.textbook.shapes import check_shapes
 
 
 def log_probability(logits: Tensor, action: Tensor) -> Tensor:

@@ -2,7 +2,7 @@
 
 from torch import Tensor
 
-from services.learner.textbook.shapes import check_shapes
+from railctl.services.learner.textbook.shapes import check_shapes
 
 
 def imitation_policy_loss(log_probability_tm1: Tensor, gain: Tensor) -> Tensor:

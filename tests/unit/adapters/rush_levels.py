@@ -1,7 +1,7 @@
 """Levels with stock rules that are drawn in moments, and what run files say of them."""
 
-from common.levels.distributions import StockLevels
-from common.levels.generate import generate
+from railctl.common.levels.distributions import StockLevels
+from railctl.common.levels.generate import generate
 
 RUSH = {
     "rules": "stock",

@@ -4,7 +4,7 @@ import re
 
 from terminal import ROOT, run_command
 
-from common.interpreter import PYTHON
+from railctl.common.interpreter import PYTHON
 
 TEXT = (ROOT / "docs" / "adapters.md").read_text()
 

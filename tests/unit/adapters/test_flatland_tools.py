@@ -10,21 +10,21 @@ from flatland.envs.persistence import RailEnvPersister
 from flatland.envs.step_utils.states import TrainState
 from terminal import run_here
 
-from adapters.flatland_tools import CheckpointPolicy, StudyObservation, StudyRewards, TrainView
-from common import checkpoint
-from common.checkpoint import CheckpointError
-from common.levels.supply import LevelSupply
-from common.policy.checkpoints import load_policy
-from common.rail.flatland_world import FlatlandEpisode
-from common.rail.normalise import N_FEATURES, normalise
-from common.rail.world import MOVE_FORWARD
-from common.rules.settings import NetworkConfig
-from tools.levels.export import save_pickle
+from railctl.adapters.flatland_tools import CheckpointPolicy, StudyObservation, StudyRewards, TrainView
+from railctl.common import checkpoint
+from railctl.common.checkpoint import CheckpointError
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.checkpoints import load_policy
+from railctl.common.rail.flatland_world import FlatlandEpisode
+from railctl.common.rail.normalise import N_FEATURES, normalise
+from railctl.common.rail.world import MOVE_FORWARD
+from railctl.common.rules.settings import NetworkConfig
+from railctl.tools.levels.export import save_pickle
 
 CLASSES = [
-    *("--policy", "adapters.flatland_tools.CheckpointPolicy"),
-    *("--obs-builder", "adapters.flatland_tools.StudyObservation"),
-    *("--rewards", "adapters.flatland_tools.StudyRewards"),
+    *("--policy", "railctl.adapters.flatland_tools.CheckpointPolicy"),
+    *("--obs-builder", "railctl.adapters.flatland_tools.StudyObservation"),
+    *("--rewards", "railctl.adapters.flatland_tools.StudyRewards"),
 ]
 
 

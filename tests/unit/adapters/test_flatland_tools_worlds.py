@@ -7,13 +7,13 @@ from flatland.envs.persistence import RailEnvPersister
 from rush_levels import RUSH, rush_level
 from terminal import run_here
 
-from adapters.flatland_tools import CheckpointObservation, CheckpointPolicy, StudyRewards
-from common.levels.distributions import shipped
-from common.levels.supply import LevelSupply
-from common.policy.checkpoints import load_policy
-from common.policy.player import Acting, play, player
-from common.rules.settings import NetworkConfig
-from tools.levels.export import save_pickle
+from railctl.adapters.flatland_tools import CheckpointObservation, CheckpointPolicy, StudyRewards
+from railctl.common.levels.distributions import shipped
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.checkpoints import load_policy
+from railctl.common.policy.player import Acting, play, player
+from railctl.common.rules.settings import NetworkConfig
+from railctl.tools.levels.export import save_pickle
 
 SEED = 77  # of malfunctions
 OBSERVATIONS = {
@@ -189,14 +189,14 @@ def test_the_console_commands_take_a_checkpoint_of_stock_rules(checkpoint_of, tm
     checkpoint_of(world_of({"kind": "local", "radius": 3}))
     save_pickle(tmp_path / "level.pkl", level)
     (tmp_path / "data").mkdir()
-    where = ["--data-dir", "data", "--ep-id", "one", "--rewards", "adapters.flatland_tools.StudyRewards"]
+    where = ["--data-dir", "data", "--ep-id", "one", "--rewards", "railctl.adapters.flatland_tools.StudyRewards"]
     run_here(
         monkeypatch,
         tmp_path,
         "flatland-trajectory-generate-from-policy",
         *where,
-        *("--policy", "adapters.flatland_tools.CheckpointPolicy"),
-        *("--obs-builder", "adapters.flatland_tools.CheckpointObservation"),
+        *("--policy", "railctl.adapters.flatland_tools.CheckpointPolicy"),
+        *("--obs-builder", "railctl.adapters.flatland_tools.CheckpointObservation"),
         *("--env-path", "level.pkl", "--snapshot-interval", "0"),
         RAILCTL_CHECKPOINT=str(tmp_path / "weights.safetensors"),
     )

@@ -11,22 +11,22 @@ from pettingzoo.test import parallel_api_test, parallel_seed_test
 from pettingzoo.utils.conversions import parallel_to_aec
 from rush_levels import RUSH, rush_level
 
-from adapters.pettingzoo_env import TrainsEnv
-from common.levels.distributions import shipped
-from common.levels.held_out import is_held_out
-from common.levels.supply import LevelSupply
-from common.policy.player import compiled_world, conditions
-from common.rail.flatland_world import FlatlandWorld
-from common.rail.play import Decision, Stage
-from common.seeding import (
+from railctl.adapters.pettingzoo_env import TrainsEnv
+from railctl.common.levels.distributions import shipped
+from railctl.common.levels.held_out import is_held_out
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.player import compiled_world, conditions
+from railctl.common.rail.flatland_world import FlatlandWorld
+from railctl.common.rail.play import Decision, Stage
+from railctl.common.seeding import (
     stream_key,
     training_distribution,
     training_level_seed,
     training_malfunction_seed,
     uniform,
 )
-from common.strict import ConfigError
-from common.world import WorldSpec
+from railctl.common.strict import ConfigError
+from railctl.common.world import WorldSpec
 
 OBSERVATIONS = {
     "tree": {"kind": "tree", "depth": 1},

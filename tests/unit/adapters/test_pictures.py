@@ -10,13 +10,13 @@ from pettingzoo.test import render_test
 from pettingzoo.utils.conversions import parallel_to_aec
 from rush_levels import RUSH, rush_level
 
-from adapters.pettingzoo_env import TrainsEnv
-from adapters.pictures import Canvas, Sight, trains_of
-from adapters.windows import NoDisplayError, Window
-from common.levels.level import Level
-from common.rail.compiled.world import CompiledWorld
-from common.rail.world import MOVE_FORWARD
-from common.world import WorldSpec
+from railctl.adapters.pettingzoo_env import TrainsEnv
+from railctl.adapters.pictures import Canvas, Sight, trains_of
+from railctl.adapters.windows import NoDisplayError, Window
+from railctl.common.levels.level import Level
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.world import MOVE_FORWARD
+from railctl.common.world import WorldSpec
 
 RUSH_WORLD = WorldSpec.model_validate({"levels": {"rush": RUSH}})
 STRAIGHT = 0b0000_0100_0000_0001  # east to east, west to west
@@ -132,7 +132,7 @@ def shown(monkeypatch):
         [image] = plt.gcf().axes[0].images
         pictures.append((np.asarray(image.get_array()), seconds))
 
-    monkeypatch.setattr("adapters.windows.PAPER", frozenset())
+    monkeypatch.setattr("railctl.adapters.windows.PAPER", frozenset())
     monkeypatch.setattr(plt, "pause", pause)
     yield pictures
     plt.close("all")

@@ -5,7 +5,7 @@ import re
 import pytest
 from terminal import ROOT, run_command
 
-from common.interpreter import PYTHON
+from railctl.common.interpreter import PYTHON
 
 
 @pytest.mark.sb3

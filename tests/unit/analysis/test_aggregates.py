@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from analysis import aggregates as ours
+from railctl.analysis import aggregates as ours
 
 DATA = Path(__file__).parent / "data"
 RLIABLE = json.loads((DATA / "main_rliable.json").read_text())

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from analysis.statistics import mean_interval
+from railctl.analysis.statistics import mean_interval
 
 
 def test_two_values_reach_as_far_as_they_do():

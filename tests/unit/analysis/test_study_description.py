@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from analysis.study import PlannedRun, StudyFolder, planned_runs, read_study
-from common.strict import ConfigError
+from railctl.analysis.study import PlannedRun, StudyFolder, planned_runs, read_study
+from railctl.common.strict import ConfigError
 
 GIVEN = {"contenders": ["dqn", "ppo"], "levels": ["easy"], "seeds": "1..3", "episodes": 30, "judgement": {"block": 10}}
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.board import Board, BoardReader, Slots, look_over
-from common.policy.flat import Flat, Order
-from common.policy.packing import KINDS, Layout
+from railctl.common.board import Board, BoardReader, Slots, look_over
+from railctl.common.policy.flat import Flat, Order
+from railctl.common.policy.packing import KINDS, Layout
 
 SHAPES = {"first.weight": (3, 2), "first.bias": (3,), "scale": ()}
 COUNT = 3

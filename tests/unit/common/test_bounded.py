@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from common.bounded import parse_json, read_bounded, read_json
+from railctl.common.bounded import parse_json, read_bounded, read_json
 
 
 def test_a_file_that_is_small_enough_is_read(tmp_path):

@@ -15,16 +15,16 @@ import numpy as np
 import pytest
 import zenoh
 
-from common import bus as bus_module
-from common.bus import NoAnswer, Traffic, checksum, open_bus, open_router
-from common.inbox import Inbox
-from common.interpreter import PYTHON
-from common.private import private_endpoint, remove_endpoint
-from common.records.acting import Weights
-from common.records.control import CommandAnswer, Empty
-from common.records.rows import HistoryRequest
-from common.wire.codec import SCHEMA_VERSION, encode, encoding_of
-from common.wire.keys import ALL_ALIVE, Alive, Service, Topic
+from railctl.common import bus as bus_module
+from railctl.common.bus import NoAnswer, Traffic, checksum, open_bus, open_router
+from railctl.common.inbox import Inbox
+from railctl.common.interpreter import PYTHON
+from railctl.common.private import private_endpoint, remove_endpoint
+from railctl.common.records.acting import Weights
+from railctl.common.records.control import CommandAnswer, Empty
+from railctl.common.records.rows import HistoryRequest
+from railctl.common.wire.codec import SCHEMA_VERSION, encode, encoding_of
+from railctl.common.wire.keys import ALL_ALIVE, Alive, Service, Topic
 
 PATIENCE_S = 10.0
 NUMBERS = Topic("numbers", HistoryRequest)
@@ -35,8 +35,8 @@ READY = Service("ready", Empty, Empty)
 
 MEMBER = """
 import sys
-from common.bus import open_bus
-from common.wire.keys import Alive
+from railctl.common.bus import open_bus
+from railctl.common.wire.keys import Alive
 endpoint, namespace = sys.argv[1:]
 with open_bus(endpoint, namespace) as bus:
     bus.declare_alive(Alive("actor", "actor-easy-0", "one"))

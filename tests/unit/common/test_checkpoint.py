@@ -11,9 +11,9 @@ from fuzzing import cases, fuzz
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common import checkpoint
-from common.checkpoint import CheckpointError, from_bytes, load, save, to_bytes
-from common.interpreter import PYTHON
+from railctl.common import checkpoint
+from railctl.common.checkpoint import CheckpointError, from_bytes, load, save, to_bytes
+from railctl.common.interpreter import PYTHON
 
 METADATA = {"config": '{"seed": 1, "é": "ü"}', "episode": "50", "algorithm": "dqn"}
 
@@ -125,7 +125,9 @@ def test_what_is_no_file_or_cannot_be_read(tmp_path, monkeypatch):
     assert "is no file: check the path" in refusal(tmp_path / "pipe")
     path = tmp_path / "a.safetensors"
     path.touch()
-    monkeypatch.setattr("common.checkpoint.open_at_once", Mock(side_effect=PermissionError(13, "Permission denied")))
+    monkeypatch.setattr(
+        "railctl.common.checkpoint.open_at_once", Mock(side_effect=PermissionError(13, "Permission denied"))
+    )
     assert "cannot be read (Permission denied)" in refusal(path)
 
 

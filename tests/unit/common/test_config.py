@@ -8,13 +8,13 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.config import parse_config, upgraded
-from common.levels.distributions import shipped
-from common.rail.observations.table import TreeObservation
-from common.rules.policies import ActorCriticConfig
-from common.rules.replay import PrioritizedReplay, UniformReplay
-from common.rules.values import ExplorationConfig
-from common.strict import ConfigError
+from railctl.common.config import parse_config, upgraded
+from railctl.common.levels.distributions import shipped
+from railctl.common.rail.observations.table import TreeObservation
+from railctl.common.rules.policies import ActorCriticConfig
+from railctl.common.rules.replay import PrioritizedReplay, UniformReplay
+from railctl.common.rules.values import ExplorationConfig
+from railctl.common.strict import ConfigError
 
 SAVED = Path(__file__).parent / "saved"  # by the version before levels had names of their own
 RUSH = {"rules": "stock", "size": [30, 40], "trains": 20, "cities": 4, "held_out": 60}

@@ -8,8 +8,8 @@ from demonstrated import WORLD, course
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from common.demonstrations import DemonstrationsError, digest_of, read_demonstrations, write_demonstrations
-from common.world import WorldSpec, study_world
+from railctl.common.demonstrations import DemonstrationsError, digest_of, read_demonstrations, write_demonstrations
+from railctl.common.world import WorldSpec, study_world
 
 
 @pytest.fixture

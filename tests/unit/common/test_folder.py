@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from common.bus import NoAnswer
-from common.config import parse_config
-from common.folder import Cluster, Outcome, RunFolder, write_atomically
-from common.sessions import Door
-from common.strict import ConfigError
-from common.tls import Credentials
+from railctl.common.bus import NoAnswer
+from railctl.common.config import parse_config
+from railctl.common.folder import Cluster, Outcome, RunFolder, write_atomically
+from railctl.common.sessions import Door
+from railctl.common.strict import ConfigError
+from railctl.common.tls import Credentials
 
 CONFIG = {
     "algorithm": "dddqn",

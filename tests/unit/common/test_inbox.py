@@ -3,7 +3,7 @@
 import threading
 from functools import partial
 
-from common.inbox import Inbox
+from railctl.common.inbox import Inbox
 
 
 def test_calls_wait_until_they_are_taken_and_keep_their_order():

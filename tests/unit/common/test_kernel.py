@@ -10,17 +10,17 @@ import numba
 import numpy as np
 import pytest
 
-from common import compile_signs, compiling, sources
-from common import kernel as kernel_module
-from common.interpreter import PYTHON
-from common.kernel import bare_kernel
-from common.sources import ROOT
+from railctl.common import compile_signs, compiling, sources
+from railctl.common import kernel as kernel_module
+from railctl.common.interpreter import PYTHON
+from railctl.common.kernel import bare_kernel
+from railctl.common.sources import ROOT
 
-ONE = "from common.kernel import kernel\n\n\n@kernel\ndef one() -> int:\n    return 1\n"
+ONE = "from railctl.common.kernel import kernel\n\n\n@kernel\ndef one() -> int:\n    return 1\n"
 TWO = ONE.replace("def one() -> int:\n    return 1", "def two() -> int:\n    return one() + 1").replace(
     "kernel\n\n", "kernel\nfrom other.between import one\n\n", 1
 )
-RUN = "from common.tiny.two import two; print(two(), len(two.stats.cache_hits))"
+RUN = "from railctl.common.tiny.two import two; print(two(), len(two.stats.cache_hits))"
 
 
 def run_in(root: Path) -> list[str]:
@@ -37,7 +37,7 @@ def test_code_follows_a_function_of_another_file(tmp_path: Path):
     other = tmp_path / "other"
     other.mkdir()
     (tiny / "one.py").write_text(ONE)
-    (other / "between.py").write_text("from common.tiny import one as module\n\none = module.one\n")
+    (other / "between.py").write_text("from railctl.common.tiny import one as module\n\none = module.one\n")
     (tiny / "two.py").write_text(TWO)
     assert run_in(tmp_path) == ["2", "0"]
     (tiny / "three.py").write_text("")  # nobody imports it
@@ -62,7 +62,7 @@ def _ones(count: int) -> np.ndarray:
 
 LIGHT = """
 import sys
-from common.rail.compiled.paths import count_bits
+from railctl.common.rail.compiled.paths import count_bits
 print(count_bits.py_func(5), "numba" in sys.modules, count_bits(5), "numba" in sys.modules)
 """
 
@@ -74,7 +74,7 @@ def test_numba_is_imported_only_for_what_is_called():
 
 def test_what_cannot_be_compiled_keeps_nobody_waiting(tmp_path: Path):
     (tmp_path / "typed.py").write_text(
-        "from common.kernel import kernel\n\n\n@kernel\ndef plus_one(of):\n    return of + 1\n"
+        "from railctl.common.kernel import kernel\n\n\n@kernel\ndef plus_one(of):\n    return of + 1\n"
     )
     script = (
         "import pytest, numba\nfrom typed import plus_one\nwith pytest.raises(numba.core.errors.NumbaError):\n"
@@ -100,7 +100,7 @@ def test_what_cannot_be_compiled_keeps_nobody_waiting(tmp_path: Path):
 COMPILE = """
 import sys, time
 from contextlib import contextmanager
-from common.compile_signs import around_compiling
+from railctl.common.compile_signs import around_compiling
 from slow import slow
 
 @contextmanager
@@ -117,7 +117,7 @@ with around_compiling(around):
 def test_of_two_processes_one_compiles_and_the_other_waits_and_loads(tmp_path: Path):
     """The lock is this test's own at first, so that both have to wait for it, and neither is quicker."""
     (tmp_path / "slow.py").write_text(
-        "from common.kernel import kernel\n\n\n@kernel\ndef slow(of: float) -> float:\n    return of * 2\n"
+        "from railctl.common.kernel import kernel\n\n\n@kernel\ndef slow(of: float) -> float:\n    return of * 2\n"
     )
     environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
     cache = tmp_path / "__pycache__"

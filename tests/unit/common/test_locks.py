@@ -7,16 +7,16 @@ from contextlib import contextmanager
 
 import pytest
 
-from common import locks
-from common.folder import RunFolder
-from common.interpreter import PYTHON
-from common.locks import RunsAlreadyError, holder, living, sole
+from railctl.common import locks
+from railctl.common.folder import RunFolder
+from railctl.common.interpreter import PYTHON
+from railctl.common.locks import RunsAlreadyError, holder, living, sole
 
 HOLDER = """
 import sys
 from pathlib import Path
-from common.folder import RunFolder
-from common.locks import sole
+from railctl.common.folder import RunFolder
+from railctl.common.locks import sole
 with sole(RunFolder(Path(sys.argv[1])), sys.argv[2]):
     print("holds", flush=True)
     sys.stdin.read()

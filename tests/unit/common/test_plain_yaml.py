@@ -6,7 +6,7 @@ from fuzzing import cases, fuzz
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.plain_yaml import NotPlainYamlError, parse_yaml
+from railctl.common.plain_yaml import NotPlainYamlError, parse_yaml
 
 BOMB = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"a{at}: &a{at} [{', '.join([f'*a{at - 1}'] * 10)}]\n" for at in range(1, 12)

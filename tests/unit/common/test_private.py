@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from common.bus import open_bus, open_router
-from common.private import LINK, is_private, private_endpoint, private_files, remove_endpoint
+from railctl.common.bus import open_bus, open_router
+from railctl.common.private import LINK, is_private, private_endpoint, private_files, remove_endpoint
 
 
 @pytest.fixture

@@ -13,15 +13,15 @@ from queue import SimpleQueue
 import pytest
 import yaml
 
-from common import process
-from common.bus import NoAnswer, open_bus, open_router
-from common.compile_signs import COMPILING, around_compiling, compiling
-from common.config import parse_config
-from common.folder import RunFolder
-from common.interpreter import PYTHON
-from common.locks import RunsAlreadyError, holder, sole
-from common.private import private_endpoint, remove_endpoint
-from common.process import (
+from railctl.common import process
+from railctl.common.bus import NoAnswer, open_bus, open_router
+from railctl.common.compile_signs import COMPILING, around_compiling, compiling
+from railctl.common.config import parse_config
+from railctl.common.folder import RunFolder
+from railctl.common.interpreter import PYTHON
+from railctl.common.locks import RunsAlreadyError, holder, sole
+from railctl.common.private import private_endpoint, remove_endpoint
+from railctl.common.process import (
     EXIT_FATAL,
     EXIT_RUNS_ALREADY,
     Fatal,
@@ -30,10 +30,10 @@ from common.process import (
     run_service,
     service_context,
 )
-from common.records.heartbeats import ActorReport
-from common.strict import ConfigError
-from common.wire import keys
-from common.wire.keys import Alive
+from railctl.common.records.heartbeats import ActorReport
+from railctl.common.strict import ConfigError
+from railctl.common.wire import keys
+from railctl.common.wire.keys import Alive
 
 PATIENCE_S = 10.0
 CONFIG = parse_config(
@@ -51,7 +51,7 @@ CONFIG = parse_config(
 
 WAITER = """
 import sys
-from common.process import Stopping
+from railctl.common.process import Stopping
 stopping = Stopping()
 print("waits", flush=True)
 stopping.wait(600)
@@ -217,7 +217,7 @@ def test_other_errors_are_not_hidden():
 
 LEAVER = """
 import atexit
-from common.process import run_service
+from railctl.common.process import run_service
 atexit.register(print, "taken apart")
 run_service(lambda: print("done"))
 print("went on")
@@ -265,7 +265,7 @@ def test_a_place_has_a_token_a_heart_and_a_name_of_its_own(run, handlers):
 
 
 def test_a_place_that_is_taken_is_not_taken_twice(run, handlers, monkeypatch):
-    monkeypatch.setattr("common.locks.PATIENCE_S", 0.05)
+    monkeypatch.setattr("railctl.common.locks.PATIENCE_S", 0.05)
     with (
         sole(run, "learner"),
         pytest.raises(RunsAlreadyError, match=r"learner of .* runs already"),
@@ -334,7 +334,7 @@ sys.stdin.read()
 """
 CHILD = """
 import signal
-from common.parent import end_with_parent
+from railctl.common.parent import end_with_parent
 end_with_parent(signal.SIGTERM)
 print("ready", flush=True)
 signal.pause()

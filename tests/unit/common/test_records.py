@@ -7,13 +7,13 @@ import pytest
 from made_episodes import course_of, decisions_of, edited, fragment_of, lease_of
 from pydantic import ValidationError
 
-from common.records.acting import Fragment, Lease, Progressed, Weights, digest_of
-from common.records.base import Record
-from common.records.checkpoints import CheckpointFile, CheckpointNotice
-from common.records.control import ScaleRequest
-from common.records.course import Course, Decisions, normalised_return
-from common.records.heartbeats import ActorReport, EvaluatorReport, Heartbeat
-from common.records.rows import EpisodeRow, EvaluationRow
+from railctl.common.records.acting import Fragment, Lease, Progressed, Weights, digest_of
+from railctl.common.records.base import Record
+from railctl.common.records.checkpoints import CheckpointFile, CheckpointNotice
+from railctl.common.records.control import ScaleRequest
+from railctl.common.records.course import Course, Decisions, normalised_return
+from railctl.common.records.heartbeats import ActorReport, EvaluatorReport, Heartbeat
+from railctl.common.records.rows import EpisodeRow, EvaluationRow
 
 FLOATS = ("observations", "following", "log_probabilities", "values", "rewards", "final_observations")
 

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_rows import episode_row
 
-from common import rows as rows_module
-from common.records.rows import EpisodeRow
-from common.rows import DamagedRows, RowFile, last_rows, read_rows
+from railctl.common import rows as rows_module
+from railctl.common.records.rows import EpisodeRow
+from railctl.common.rows import DamagedRows, RowFile, last_rows, read_rows
 
 
 def row(number, value=-0.5):

@@ -3,7 +3,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.seeding import EVALUATION_BIT, bits, evaluation_level_seed, stream_key, training_level_seed, uniform
+from railctl.common.seeding import EVALUATION_BIT, bits, evaluation_level_seed, stream_key, training_level_seed, uniform
 
 KEYS = st.integers(0, 2**64 - 1)
 COUNTERS = st.integers(0, 2**63)
@@ -38,7 +38,7 @@ def test_a_draw_is_one_of_64_bits_and_its_uniform_lies_below_one(key, counter):
 
 
 def test_uniform_reaches_almost_one_but_not_one(monkeypatch):
-    monkeypatch.setattr("common.seeding.bits", lambda _key, _counter: 2**64 - 1)
+    monkeypatch.setattr("railctl.common.seeding.bits", lambda _key, _counter: 2**64 - 1)
     assert uniform(0, 0) == 1 - 2**-53
 
 

@@ -12,17 +12,17 @@ from queue import SimpleQueue
 import pytest
 import zenoh
 
-from common import sessions
-from common.bus import NoAnswer, open_bus, open_relay, open_router
-from common.private import private_endpoint, remove_endpoint
-from common.records.control import Empty
-from common.records.joining import RunIntroduction
-from common.sessions import Door
-from common.tls import Credentials
-from common.wire import keys
-from common.wire.keys import Service, Topic, absolute
-from common.wire.rights import BEHIND_A_RELAY, RIGHTS
-from deploy.certificates import create
+from railctl.common import sessions
+from railctl.common.bus import NoAnswer, open_bus, open_relay, open_router
+from railctl.common.private import private_endpoint, remove_endpoint
+from railctl.common.records.control import Empty
+from railctl.common.records.joining import RunIntroduction
+from railctl.common.sessions import Door
+from railctl.common.tls import Credentials
+from railctl.common.wire import keys
+from railctl.common.wire.keys import Service, Topic, absolute
+from railctl.common.wire.rights import BEHIND_A_RELAY, RIGHTS
+from railctl.deploy.certificates import create
 
 PATIENCE_S = 10.0
 REFUSED_S = 1.0  # a link that is refused is tried again until then

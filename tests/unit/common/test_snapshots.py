@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from common import checkpoint
-from common.checkpoint import CheckpointError
-from common.config import parse_config
-from common.folder import RunFolder
-from common.snapshots import newest_snapshot
+from railctl.common import checkpoint
+from railctl.common.checkpoint import CheckpointError
+from railctl.common.config import parse_config
+from railctl.common.folder import RunFolder
+from railctl.common.snapshots import newest_snapshot
 
 CONFIG = parse_config(
     {

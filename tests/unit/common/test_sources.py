@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from common import sources
-from common.interpreter import PYTHON
+from railctl.common import sources
+from railctl.common.interpreter import PYTHON
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def test_without_a_place_for_memos_all_goes_on(tree: Path):
 
 def test_processes_agree(tree: Path):
     code = (
-        "import sys; from pathlib import Path; from common import sources; sources.ROOT = Path(sys.argv[1]);"
+        "import sys; from pathlib import Path; from railctl.common import sources; sources.ROOT = Path(sys.argv[1]);"
         "print(sources.digest(Path(sys.argv[1], 'package', 'top.py'), Path(sys.argv[1], 'cache', 'other')).hex())"
     )
     said = subprocess.run([*PYTHON, "-c", code, str(tree)], capture_output=True, text=True, check=True).stdout

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field, Tag, ValidationError, model_validator
 
-from common.strict import Strict, by_kind, describe, flat, nearest, section_of, shortened
+from railctl.common.strict import Strict, by_kind, describe, flat, nearest, section_of, shortened
 
 
 class Point(Strict):

@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from common import task
-from common.compile_signs import compiling
-from common.strict import ConfigError
-from common.task import Teller, carry_out
+from railctl.common import task
+from railctl.common.compile_signs import compiling
+from railctl.common.strict import ConfigError
+from railctl.common.task import Teller, carry_out
 
 
 @pytest.fixture

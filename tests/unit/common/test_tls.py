@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from common.tls import Credentials, host_and_port
+from railctl.common.tls import Credentials, host_and_port
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from common.interpreter import PYTHON, run_module
+from railctl.common.interpreter import PYTHON, run_module
 
 ROOT = Path(__file__).parents[3]
 MAY_OUTLIVE = {"deploy/launch.py", "deploy/plan.py"}  # the processes of a run, which goes on in the background
@@ -24,11 +24,11 @@ while True:
     ctypes.PyDLL(None).sleep(1000)
 """
 CALLERS = {
-    "task": "from deploy import task; task.END_PATIENCE_S = 0.1; task.run_task('busy', sys.argv[1])",
-    "task beside others": "from deploy.task import Task; t = Task('busy', sys.argv[1]); signal.pause()",
-    "worker of a worker": "from deploy.task import run_task; run_task('between', sys.argv[1])",
+    "task": "from railctl.deploy import task; task.END_PATIENCE_S = 0.1; task.run_task('busy', sys.argv[1])",
+    "task beside others": "from railctl.deploy.task import Task; t = Task('busy', sys.argv[1]); signal.pause()",
+    "worker of a worker": "from railctl.deploy.task import run_task; run_task('between', sys.argv[1])",
     "bench": (
-        "from deploy.commands import bench; bench.END_PATIENCE_S = 0.1; "
+        "from railctl.deploy.commands import bench; bench.END_PATIENCE_S = 0.1; "
         "bench._run(bench.run_worker('busy', sys.argv[1]))"
     ),
 }
@@ -73,7 +73,7 @@ def test_a_worker_that_hears_nothing_ends_when_who_started_it_does(listener, cal
 
 def test_a_worker_whose_parent_is_gone_before_it_begins_does_not_begin(listener):
     stranger = "1"
-    done = subprocess.run(run_module("common.worker", stranger, "busy", listener.getsockname()), check=False)
+    done = subprocess.run(run_module("railctl.common.worker", stranger, "busy", listener.getsockname()), check=False)
     assert done.returncode == -signal.SIGKILL
 
 

@@ -5,11 +5,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from common.levels.distributions import LevelFiles, StockLevels, shipped
-from common.rail.observations.table import AnyObservation
-from common.rail.rewards.table import AnyReward
-from common.strict import ConfigError, describe, section_of
-from common.world import WorldSpec, chosen_levels
+from railctl.common.levels.distributions import LevelFiles, StockLevels, shipped
+from railctl.common.rail.observations.table import AnyObservation
+from railctl.common.rail.rewards.table import AnyReward
+from railctl.common.strict import ConfigError, describe, section_of
+from railctl.common.world import WorldSpec, chosen_levels
 
 STOCK = {"rules": "stock", "size": [30, 40], "trains": 20, "cities": 4}
 LEGACY = {"rules": "legacy", "size": [30, 40], "trains": 4, "cities": 4}

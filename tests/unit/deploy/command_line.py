@@ -2,7 +2,7 @@
 
 from typer.testing import CliRunner
 
-from deploy.cli import app
+from railctl.deploy.cli import app
 
 
 def railctl(*arguments):

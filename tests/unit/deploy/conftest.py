@@ -9,10 +9,10 @@ import sys
 
 import pytest
 
-from common.strict import ConfigError
-from common.task import WRONG_USAGE
-from deploy import levels, task
-from deploy.commands import report
+from railctl.common.strict import ConfigError
+from railctl.common.task import WRONG_USAGE
+from railctl.deploy import levels, task
+from railctl.deploy.commands import report
 
 
 @pytest.fixture

@@ -1,6 +1,6 @@
 """What a learner says of itself in the middle of a run."""
 
-from common.records.heartbeats import LearnerReport
+from railctl.common.records.heartbeats import LearnerReport
 
 LEARNER = LearnerReport(
     done=40,

@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from common.interpreter import PYTHON
-from deploy.cli import app
-from deploy.commands import bench
+from railctl.common.interpreter import PYTHON
+from railctl.deploy.cli import app
+from railctl.deploy.commands import bench
 
 WAITING = "import sys, time; print('ready', file=sys.stderr, flush=True); time.sleep(60)"
 CALLER = """
-from deploy.cli import app
-from deploy.commands import bench
+from railctl.deploy.cli import app
+from railctl.deploy.commands import bench
 bench.BENCHES["waiting"] = "waiting"
 app(["bench", "waiting"])
 """

@@ -9,11 +9,11 @@ import pytest
 from command_line import complaint, railctl
 from cryptography import x509
 
-from common.strict import ConfigError
-from common.task import FAILED, WRONG_USAGE
-from common.tls import Credentials
-from deploy import certificates
-from deploy.certificates import LIFETIME, check, create
+from railctl.common.strict import ConfigError
+from railctl.common.task import FAILED, WRONG_USAGE
+from railctl.common.tls import Credentials
+from railctl.deploy import certificates
+from railctl.deploy.certificates import LIFETIME, check, create
 
 ROLES = ("host", "actor", "reader", "operator", "relay")
 

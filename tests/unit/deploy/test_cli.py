@@ -12,19 +12,19 @@ import yaml
 from made_rows import episode_row
 from typer.testing import CliRunner
 
-from common import checkpoint
-from common.bus import open_bus, open_router
-from common.folder import RunFolder
-from common.locks import sole
-from common.records.control import CommandAnswer, ProcessStatus, Status
-from common.records.rows import EpisodeRow, EpisodeRows, EvaluationRows
-from common.rows import RowFile
-from common.wire import keys
-from deploy.cli import app
-from deploy.events import EventLog
-from deploy.launch import new_run, write_cluster_file
-from deploy.resolve import resolve
-from deploy.supervisor import Happening
+from railctl.common import checkpoint
+from railctl.common.bus import open_bus, open_router
+from railctl.common.folder import RunFolder
+from railctl.common.locks import sole
+from railctl.common.records.control import CommandAnswer, ProcessStatus, Status
+from railctl.common.records.rows import EpisodeRow, EpisodeRows, EvaluationRows
+from railctl.common.rows import RowFile
+from railctl.common.wire import keys
+from railctl.deploy.cli import app
+from railctl.deploy.events import EventLog
+from railctl.deploy.launch import new_run, write_cluster_file
+from railctl.deploy.resolve import resolve
+from railctl.deploy.supervisor import Happening
 
 VERBS = ["up", "status", "tail", "logs", "scale", "pause", "resume", "checkpoint", "down"]
 VERBS += ["evaluate", "demonstrate", "doctor", "bench"]
@@ -41,7 +41,9 @@ def root(tmp_path, monkeypatch):
 @pytest.fixture(autouse=True)
 def no_supervisor(monkeypatch):
     """Nothing is ever started here."""
-    monkeypatch.setattr("deploy.commands.up.start_supervisor", lambda *_: pytest.fail("a supervisor was started"))
+    monkeypatch.setattr(
+        "railctl.deploy.commands.up.start_supervisor", lambda *_: pytest.fail("a supervisor was started")
+    )
 
 
 def railctl(*arguments):
@@ -339,7 +341,7 @@ def started(monkeypatch):
     """The runs that `up` starts, without starting them."""
     runs = []
     monkeypatch.setattr(
-        "deploy.commands.up.start_supervisor", lambda folder, config, _actors: runs.append((folder, config))
+        "railctl.deploy.commands.up.start_supervisor", lambda folder, config, _actors: runs.append((folder, config))
     )
     return runs
 
@@ -410,7 +412,7 @@ def test_up_tells_how_a_run_ended(root, started, monkeypatch, outcome, code, las
     def end(folder):
         folder.outcome_file.write_text(json.dumps({"outcome": outcome, "reason": "no disk"}))
 
-    monkeypatch.setattr("deploy.commands.up.watch", end)
+    monkeypatch.setattr("railctl.deploy.commands.up.watch", end)
     result = railctl("up", "--name", "one")
     assert result.exit_code == code
     lines = (result.stdout + result.stderr).splitlines()
@@ -433,7 +435,7 @@ def test_a_full_disk_is_a_line(root, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("deploy.commands.up.prepare", full)
+    monkeypatch.setattr("railctl.deploy.commands.up.prepare", full)
     assert complaint(FAILED, "up") == "No space left on device: make room on the disk, then run it again"
 
 
@@ -506,7 +508,7 @@ def test_what_may_not_be_read_is_named(root, monkeypatch):
     def refuse(path):
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr("common.rows.open_at_once", refuse)
+    monkeypatch.setattr("railctl.common.rows.open_at_once", refuse)
     assert complaint(FAILED, "tail", "one") == (
         f"{folder.episodes_file}: Permission denied: use a folder that you may read and write"
     )
@@ -626,7 +628,7 @@ def test_a_command_to_the_learner(cluster, verb):
 def test_a_checkpoint_is_named_as_the_user_names_its_run(cluster, root, monkeypatch):
     """The learner was started with an absolute path."""
     answer = CommandAnswer(done=True, text=f"wrote {root.resolve()}/one/file")
-    monkeypatch.setattr("common.bus.Bus.ask", lambda *_: answer)
+    monkeypatch.setattr("railctl.common.bus.Bus.ask", lambda *_: answer)
     monkeypatch.setenv("RAILCTL_RUNS", "runs")
     assert output("checkpoint", "one") == "wrote runs/one/file\n"
     monkeypatch.chdir(root / "one")
@@ -658,5 +660,5 @@ def test_up_on_a_running_run_opens_no_door(cluster, root):
 
 
 def test_a_tail_of_a_running_run_has_history_and_ends_with_it(cluster, monkeypatch):
-    monkeypatch.setattr("deploy.commands.tail.living", lambda _folder: {})
+    monkeypatch.setattr("railctl.deploy.commands.tail.living", lambda _folder: {})
     assert len(output("tail", "one").splitlines()) == 2

@@ -2,11 +2,11 @@
 
 import pytest
 
-from common.folder import RunFolder
-from common.interpreter import PYTHON
-from deploy import curve
-from deploy.curve import CurveDrawing
-from deploy.runs import Failed
+from railctl.common.folder import RunFolder
+from railctl.common.interpreter import PYTHON
+from railctl.deploy import curve
+from railctl.deploy.curve import CurveDrawing
+from railctl.deploy.runs import Failed
 
 
 @pytest.fixture

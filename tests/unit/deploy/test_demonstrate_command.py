@@ -7,7 +7,7 @@ from pathlib import Path
 import command_line
 import pytest
 
-from common.demonstrations import read_demonstrations
+from railctl.common.demonstrations import read_demonstrations
 
 
 @pytest.fixture(autouse=True)

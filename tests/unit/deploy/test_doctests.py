@@ -9,17 +9,17 @@ import pytest
 @pytest.mark.parametrize(
     ("module", "examples"),
     [
-        ("common.strict", 2),
-        ("common.wire.keys", 2),
-        ("common.wire.codec", 2),
-        ("deploy.resolve", 2),
-        ("deploy.plan", 1),
-        ("deploy.show", 2),
-        ("deploy.study.estimate", 1),
-        ("deploy.study.levels", 1),
-        ("deploy.commands.references", 2),
-        ("deploy.output", 1),
-        ("deploy.judged", 2),
+        ("railctl.common.strict", 2),
+        ("railctl.common.wire.keys", 2),
+        ("railctl.common.wire.codec", 2),
+        ("railctl.deploy.resolve", 2),
+        ("railctl.deploy.plan", 1),
+        ("railctl.deploy.show", 2),
+        ("railctl.deploy.study.estimate", 1),
+        ("railctl.deploy.study.levels", 1),
+        ("railctl.deploy.commands.references", 2),
+        ("railctl.deploy.output", 1),
+        ("railctl.deploy.judged", 2),
     ],
 )
 def test_examples_in_docstrings_are_true(module, examples):

@@ -1,7 +1,7 @@
 """railctl doctor: it says what it does, and goes on when a check fails."""
 
-from deploy.commands.doctor import _run
-from deploy.runs import Failed
+from railctl.deploy.commands.doctor import _run
+from railctl.deploy.runs import Failed
 
 
 def _cores():

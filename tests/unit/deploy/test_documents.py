@@ -8,8 +8,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from deploy.cli import app
-from deploy.resolve import algorithms, parse_sets, resolve
+from railctl.deploy.cli import app
+from railctl.deploy.resolve import algorithms, parse_sets, resolve
 
 ROOT = Path(__file__).parents[3]
 DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])

@@ -7,14 +7,14 @@ from pathlib import Path
 import command_line
 import pytest
 
-from common import checkpoint
-from common.levels import files
-from common.levels.supply import LevelSupply
-from common.requests import LevelChoice, ScoreRequest
-from common.rules.settings import NetworkConfig
-from deploy.commands import evaluate as command
-from deploy.launch import new_run
-from deploy.resolve import resolve
+from railctl.common import checkpoint
+from railctl.common.levels import files
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.requests import LevelChoice, ScoreRequest
+from railctl.common.rules.settings import NetworkConfig
+from railctl.deploy.commands import evaluate as command
+from railctl.deploy.launch import new_run
+from railctl.deploy.resolve import resolve
 
 
 @pytest.fixture

@@ -7,12 +7,12 @@ from pathlib import Path
 import command_line
 import pytest
 
-from common.levels import files
-from common.levels.supply import LevelSupply
-from common.requests import LevelChoice, ReferenceRequest
-from deploy.commands import evaluate as command
-from deploy.launch import new_run
-from deploy.resolve import resolve
+from railctl.common.levels import files
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.requests import LevelChoice, ReferenceRequest
+from railctl.deploy.commands import evaluate as command
+from railctl.deploy.launch import new_run
+from railctl.deploy.resolve import resolve
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def test_the_name_of_a_policy_wins_and_a_path_is_a_run(here, monkeypatch):
     monkeypatch.setattr(command, "run_task", lambda *arguments: asked.append(arguments) or document)
     railctl("planner", "--seed", 4)
     [(scorer, request)] = asked
-    assert scorer == "services.evaluator.references"
+    assert scorer == "railctl.services.evaluator.references"
     levels = LevelChoice(seed=4, bank=Path("runs/.levels"))
     assert ReferenceRequest.model_validate_json(request) == ReferenceRequest(policy="planner", levels=levels)
     assert railctl("runs/planner").stderr.startswith("railctl: run planner has no checkpoint yet")

@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 from learner_report import LEARNER
 
-from common.folder import RunFolder
-from common.process import STARTING, Fatal
-from common.records.heartbeats import Heartbeat
-from deploy import events
-from deploy.events import DamagedSnapshots, EventLog, changes, last_events
-from deploy.supervisor import Happening
+from railctl.common.folder import RunFolder
+from railctl.common.process import STARTING, Fatal
+from railctl.common.records.heartbeats import Heartbeat
+from railctl.deploy import events
+from railctl.deploy.events import DamagedSnapshots, EventLog, changes, last_events
+from railctl.deploy.supervisor import Happening
 
 REPORT = LEARNER.model_copy(update={"reissued": 0})
 

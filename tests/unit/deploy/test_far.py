@@ -9,18 +9,18 @@ from contextlib import ExitStack
 import pytest
 from command_line import complaint, railctl
 
-from common.bus import NoAnswer, open_bus, open_router
-from common.private import private_endpoint, remove_endpoint
-from common.records.control import CommandAnswer, Status
-from common.records.joining import RunIntroduction
-from common.records.rows import EpisodeRows, EvaluationRow, EvaluationRows
-from common.sessions import Door
-from common.strict import ConfigError
-from common.task import FAILED, WRONG_USAGE
-from common.tls import Credentials
-from common.wire import keys
-from deploy.certificates import create
-from deploy.far import credentials_for, introduced, reach_far, shake_hands
+from railctl.common.bus import NoAnswer, open_bus, open_router
+from railctl.common.private import private_endpoint, remove_endpoint
+from railctl.common.records.control import CommandAnswer, Status
+from railctl.common.records.joining import RunIntroduction
+from railctl.common.records.rows import EpisodeRows, EvaluationRow, EvaluationRows
+from railctl.common.sessions import Door
+from railctl.common.strict import ConfigError
+from railctl.common.task import FAILED, WRONG_USAGE
+from railctl.common.tls import Credentials
+from railctl.common.wire import keys
+from railctl.deploy.certificates import create
+from railctl.deploy.far import credentials_for, introduced, reach_far, shake_hands
 
 NAMESPACE = "railctl/0123456789ab"
 RUN = RunIntroduction(name="one", namespace=NAMESPACE, config="seed: 1")
@@ -200,7 +200,7 @@ def test_an_operator_scales_a_run_from_anywhere(run, address, folder, tmp_path):
 
 
 def test_a_tail_from_elsewhere_has_history_and_ends_with_the_link(run, address, folder, tmp_path, monkeypatch):
-    monkeypatch.setattr("common.bus.Bus.connected", lambda _bus: False)
+    monkeypatch.setattr("railctl.common.bus.Bus.connected", lambda _bus: False)
     found = railctl("tail", address, "--keys", only(folder, tmp_path, "reader"))
     assert found.stdout.startswith("checkpoint   5  easy    greedy  -0.250  ")
     assert found.stderr.startswith(f"railctl: no link to {address} any more: ")

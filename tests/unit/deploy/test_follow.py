@@ -7,15 +7,15 @@ from types import SimpleNamespace
 import pytest
 from made_rows import episode_row
 
-from common.bus import NoAnswer
-from common.folder import RunFolder
-from common.locks import sole
-from common.records.rows import EpisodeRow, EpisodeRows, EvaluationRow, EvaluationRows
-from common.rows import RowFile
-from common.wire import keys
-from deploy.follow import Rows, outcome_of, rows_from_files, status_from_files, wait_until
-from deploy.launch import save_config
-from deploy.resolve import resolve
+from railctl.common.bus import NoAnswer
+from railctl.common.folder import RunFolder
+from railctl.common.locks import sole
+from railctl.common.records.rows import EpisodeRow, EpisodeRows, EvaluationRow, EvaluationRows
+from railctl.common.rows import RowFile
+from railctl.common.wire import keys
+from railctl.deploy.follow import Rows, outcome_of, rows_from_files, status_from_files, wait_until
+from railctl.deploy.launch import save_config
+from railctl.deploy.resolve import resolve
 
 CHUNK = 3  # the rows that our learner sends at a time
 

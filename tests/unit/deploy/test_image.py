@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.backends import kubernetes
+from railctl.deploy.backends import kubernetes
 
 ROOT = Path(__file__).parents[3]
 DOCKERFILE = (ROOT / "Dockerfile").read_text()

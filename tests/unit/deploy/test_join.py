@@ -14,23 +14,23 @@ import pytest
 import yaml
 from command_line import complaint
 
-from common.bus import NoAnswer, open_bus, open_router
-from common.folder import RunFolder
-from common.levels.distributions import LevelFiles
-from common.levels.own import own_copy
-from common.private import private_endpoint, remove_endpoint
-from common.process import Stopping
-from common.records.heartbeats import Heartbeat
-from common.records.joining import LevelFileCopy, RunIntroduction
-from common.sessions import Door
-from common.task import FAILED, WRONG_USAGE
-from common.tls import Credentials
-from common.wire import keys
-from deploy import join
-from deploy.certificates import create
-from deploy.join import Joiner, host_for
-from deploy.plan import actors
-from deploy.resolve import resolve
+from railctl.common.bus import NoAnswer, open_bus, open_router
+from railctl.common.folder import RunFolder
+from railctl.common.levels.distributions import LevelFiles
+from railctl.common.levels.own import own_copy
+from railctl.common.private import private_endpoint, remove_endpoint
+from railctl.common.process import Stopping
+from railctl.common.records.heartbeats import Heartbeat
+from railctl.common.records.joining import LevelFileCopy, RunIntroduction
+from railctl.common.sessions import Door
+from railctl.common.task import FAILED, WRONG_USAGE
+from railctl.common.tls import Credentials
+from railctl.common.wire import keys
+from railctl.deploy import join
+from railctl.deploy.certificates import create
+from railctl.deploy.join import Joiner, host_for
+from railctl.deploy.plan import actors
+from railctl.deploy.resolve import resolve
 
 NAMESPACE = "railctl/0123456789ab"
 PATIENCE_S = 10.0

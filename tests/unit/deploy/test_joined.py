@@ -2,10 +2,10 @@
 
 import pytest
 
-from common.records.heartbeats import ActorReport, Heartbeat
-from common.wire.keys import Alive
-from deploy.joined import MOST, Joined
-from deploy.plan import actors
+from railctl.common.records.heartbeats import ActorReport, Heartbeat
+from railctl.common.wire.keys import Alive
+from railctl.deploy.joined import MOST, Joined
+from railctl.deploy.plan import actors
 
 
 @pytest.fixture

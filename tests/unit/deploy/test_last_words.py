@@ -2,8 +2,8 @@
 
 import pytest
 
-from common.folder import RunFolder
-from deploy.processes import LAST_WORDS_CHARACTERS, last_words
+from railctl.common.folder import RunFolder
+from railctl.deploy.processes import LAST_WORDS_CHARACTERS, last_words
 
 INFO = "2020-01-02 12:00:00,000 INFO services.learner: goes on"
 ERROR = "2020-01-02 12:00:00,000 ERROR common.process: snapshots/5: damaged"

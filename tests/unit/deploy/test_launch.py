@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from made_rows import episode_row
 
-from common import checkpoint
-from common.interpreter import PYTHON
-from common.locks import sole
-from common.private import is_private, remove_endpoint
-from common.strict import ConfigError, shortened
-from deploy import launch
-from deploy.certificates import create
-from deploy.launch import (
+from railctl.common import checkpoint
+from railctl.common.interpreter import PYTHON
+from railctl.common.locks import sole
+from railctl.common.private import is_private, remove_endpoint
+from railctl.common.strict import ConfigError, shortened
+from railctl.deploy import launch
+from railctl.deploy.certificates import create
+from railctl.deploy.launch import (
     check_door,
     check_existing,
     check_machine,
@@ -28,15 +28,15 @@ from deploy.launch import (
     start_supervisor,
     write_cluster_file,
 )
-from deploy.resolve import resolve
-from deploy.runs import Failed
+from railctl.deploy.resolve import resolve
+from railctl.deploy.runs import Failed
 
 HOLD = """
 import sys
 from pathlib import Path
-from common.folder import RunFolder
-from common.locks import sole
-from common.private import is_private, remove_endpoint
+from railctl.common.folder import RunFolder
+from railctl.common.locks import sole
+from railctl.common.private import is_private, remove_endpoint
 with sole(RunFolder(Path(sys.argv[1])), "supervisor"):
     sys.stdin.read()
 """
@@ -260,7 +260,7 @@ def supervisor(monkeypatch):
 
     def use(code):
         def start(command, **options):
-            assert command[:4] == [*PYTHON, "-m", "deploy.supervise"]
+            assert command[:4] == [*PYTHON, "-m", "railctl.deploy.supervise"]
             child = subprocess.Popen([*PYTHON, "-c", code, command[-1]], **options | {"stdin": subprocess.PIPE})
             started.append((child, options))
             return child

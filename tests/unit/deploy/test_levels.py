@@ -9,16 +9,16 @@ from msgpack._cmsgpack import Packer
 from PIL import Image
 from typer.testing import CliRunner
 
-from common.levels import files
-from common.levels.bank import LevelBank
-from common.levels.build import build
-from common.levels.chunks import key_of
-from common.levels.distributions import StockLevels, shipped
-from common.levels.generate import generate as generate_any
-from common.levels.shipped import generate
-from common.levels.supply import LevelSupply
-from common.seeding import evaluation_level_seed, training_level_seed
-from deploy.cli import app
+from railctl.common.levels import files
+from railctl.common.levels.bank import LevelBank
+from railctl.common.levels.build import build
+from railctl.common.levels.chunks import key_of
+from railctl.common.levels.distributions import StockLevels, shipped
+from railctl.common.levels.generate import generate as generate_any
+from railctl.common.levels.shipped import generate
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.seeding import evaluation_level_seed, training_level_seed
+from railctl.deploy.cli import app
 
 RUN_FILE = """
 levels:

@@ -4,7 +4,7 @@ import subprocess
 
 import pytest
 
-from common.interpreter import PYTHON
+from railctl.common.interpreter import PYTHON
 
 HEAVY = ("torch", "flatland", "numba", "scipy", "matplotlib", "services", "tools")
 
@@ -19,11 +19,11 @@ def imported_by(code):
 @pytest.mark.parametrize(
     "code",
     [
-        "import common.config",
-        "import deploy.cli",
-        "import deploy.supervise",
-        "from deploy.resolve import resolve; resolve({'algorithm': 'sil', 'observation': 'global', 'reward': 'delay'})",
-        "from analysis.study import planned_runs",
+        "import railctl.common.config",
+        "import railctl.deploy.cli",
+        "import railctl.deploy.supervise",
+        "from railctl.deploy.resolve import resolve; resolve({'algorithm': 'sil', 'observation': 'global', 'reward': 'delay'})",
+        "from railctl.analysis.study import planned_runs",
     ],
 )
 def test_the_command_line_imports_nothing_heavy(code):
@@ -32,12 +32,12 @@ def test_the_command_line_imports_nothing_heavy(code):
 
 @pytest.mark.parametrize("arguments", [["--help"], ["levels", "--help"], ["nosuch"]])
 def test_help_imports_no_verb(arguments):
-    code = f"from typer.testing import CliRunner; from deploy.cli import app; CliRunner().invoke(app, {arguments})"
-    loaded = (
-        "print(*(name for name in sys.modules if name.startswith(('deploy.commands.', 'common.', 'numpy', 'zenoh'))))"
+    code = (
+        f"from typer.testing import CliRunner; from railctl.deploy.cli import app; CliRunner().invoke(app, {arguments})"
     )
+    loaded = "print(*(name for name in sys.modules if name.startswith(('railctl.deploy.commands.', 'railctl.common.', 'numpy', 'zenoh'))))"
     done = subprocess.run([*PYTHON, "-c", f"import sys; {code}; {loaded}"], capture_output=True, text=True, check=True)
-    assert done.stdout.split() in ([], ["deploy.commands.levels"])
+    assert done.stdout.split() in ([], ["railctl.deploy.commands.levels"])
 
 
 def test_what_is_heavy_is_noticed():

@@ -8,13 +8,13 @@ import pytest
 from command_line import railctl
 from made_rows import episode_row
 
-from common.folder import Outcome, RunFolder
-from common.locks import sole
-from common.records.rows import EpisodeRow
-from common.rows import RowFile
-from deploy.commands.list import DAY_S, _ago
-from deploy.launch import save_config
-from deploy.resolve import resolve
+from railctl.common.folder import Outcome, RunFolder
+from railctl.common.locks import sole
+from railctl.common.records.rows import EpisodeRow
+from railctl.common.rows import RowFile
+from railctl.deploy.commands.list import DAY_S, _ago
+from railctl.deploy.launch import save_config
+from railctl.deploy.resolve import resolve
 
 
 @pytest.fixture

@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 from learner_report import LEARNER
 
-from common.folder import RunFolder
-from common.records.control import ProcessStatus, Status
-from common.records.heartbeats import EvaluatorReport, Heartbeat
-from common.wire.codec import decode, encode, encoding_of
-from deploy.overview import overview, progress_of, run_is_complete
-from deploy.plan import cluster
-from deploy.resolve import resolve
-from deploy.supervisor import Beat, Exited, Limits, StopAsked, Supervisor, Tick, Wanted
+from railctl.common.folder import RunFolder
+from railctl.common.records.control import ProcessStatus, Status
+from railctl.common.records.heartbeats import EvaluatorReport, Heartbeat
+from railctl.common.wire.codec import decode, encode, encoding_of
+from railctl.deploy.overview import overview, progress_of, run_is_complete
+from railctl.deploy.plan import cluster
+from railctl.deploy.resolve import resolve
+from railctl.deploy.supervisor import Beat, Exited, Limits, StopAsked, Supervisor, Tick, Wanted
 
 CONFIG = resolve({"mix": {"easy": 0.5, "hard": 0.5}, "episodes": 100, "evaluation": {"every_episodes": 50}})
 PIDS = {"router": 10, "learner": 11, "evaluator": 12, "actor-easy-0": 13, "actor-hard-0": 14}

@@ -4,8 +4,8 @@ import pytest
 import yaml
 from command_line import complaint, railctl
 
-from common.rules.settings import NetworkConfig
-from common.task import WRONG_USAGE
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.task import WRONG_USAGE
 
 PLACED = ("--nodes", 3, "--actors-per-node", "easy=2")
 

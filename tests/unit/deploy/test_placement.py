@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from analysis.study import Study
-from common.strict import ConfigError
-from deploy.placement import ACTOR_MIB, HOST_MIB, JOIN_MIB, RUN_MIB, Size, placed, placed_study
+from railctl.analysis.study import Study
+from railctl.common.strict import ConfigError
+from railctl.deploy.placement import ACTOR_MIB, HOST_MIB, JOIN_MIB, RUN_MIB, Size, placed, placed_study
 
 STUDY = Study.model_validate(
     {"name": "made", "contenders": ["dqn"], "levels": ["easy"], "seeds": [1, 2], "episodes": 300}

@@ -5,9 +5,9 @@ import os
 import subprocess
 from pathlib import Path
 
-from common.interpreter import PYTHON, run_module
-from common.levels.distributions import shipped
-from deploy.plan import ENVIRONMENT, actors, cluster
+from railctl.common.interpreter import PYTHON, run_module
+from railctl.common.levels.distributions import shipped
+from railctl.deploy.plan import ENVIRONMENT, actors, cluster
 
 
 def test_a_cluster_is_a_router_a_learner_an_evaluator_and_its_actors():
@@ -34,9 +34,9 @@ def test_names_are_unique():
 
 def test_commands_name_the_service_the_run_and_what_an_actor_is():
     router, *_, actor = cluster({"hard": 1})
-    assert router.command(Path("runs/one")) == run_module("services.router", "--run", "runs/one")
+    assert router.command(Path("runs/one")) == run_module("railctl.services.router", "--run", "runs/one")
     assert actor.command(Path("runs/one")) == [
-        *run_module("services.actor", "--run", "runs/one"),
+        *run_module("railctl.services.actor", "--run", "runs/one"),
         *("--name", "actor-hard-0", "--serves", "hard"),
     ]
 
@@ -47,7 +47,7 @@ def test_every_service_can_be_started_as_a_module():
 
 
 def test_what_processes_log_has_no_colours():
-    code = "from common.bus import open_router\nwith open_router('tcp/127.0.0.1:0'): pass"
+    code = "from railctl.common.bus import open_router\nwith open_router('tcp/127.0.0.1:0'): pass"
     environment = os.environ | {"RUST_LOG": "debug"}
     logs = [
         subprocess.run([*PYTHON, "-c", code], env=environment | told, capture_output=True, check=True)

@@ -2,8 +2,8 @@
 
 import pytest
 
-from deploy.resolve import resolve
-from services.learner.learning import build_trainer, learning_of
+from railctl.deploy.resolve import resolve
+from railctl.services.learner.learning import build_trainer, learning_of
 
 TABLE = {  # learning rate, batch of the replay, replay, epochs, epochs of imitation
     ("ppo", "easy"): (0.0005, None, None, 10, None),

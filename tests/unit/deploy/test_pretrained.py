@@ -5,10 +5,10 @@ import json
 import pytest
 from command_line import complaint, railctl
 
-from common.checkpoint import load
-from common.config import config_of_science
-from common.task import WRONG_USAGE
-from deploy.runs import PRETRAINED, find_checkpoint, pretrained
+from railctl.common.checkpoint import load
+from railctl.common.config import config_of_science
+from railctl.common.task import WRONG_USAGE
+from railctl.deploy.runs import PRETRAINED, find_checkpoint, pretrained
 
 LEVELS = ("easy", "medium", "hard")
 

@@ -8,7 +8,7 @@ import command_line
 import numpy as np
 import pytest
 
-from deploy.commands import report as command
+from railctl.deploy.commands import report as command
 
 
 @pytest.fixture

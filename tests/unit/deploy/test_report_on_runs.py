@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from deploy.cli import app
-from deploy.commands import report as command
+from railctl.deploy.cli import app
+from railctl.deploy.commands import report as command
 
 sys.path.append(str(Path(__file__).parents[1] / "analysis" / "report"))
 import made_study

@@ -8,11 +8,11 @@ from fuzzing import cases, fuzz
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.config import parse_config
-from common.levels.distributions import shipped
-from common.rail.observations.table import AnyObservation
-from common.strict import ConfigError, flat, section_of
-from deploy.resolve import (
+from railctl.common.config import parse_config
+from railctl.common.levels.distributions import shipped
+from railctl.common.rail.observations.table import AnyObservation
+from railctl.common.strict import ConfigError, flat, section_of
+from railctl.deploy.resolve import (
     algorithms,
     merge,
     parse_actors,

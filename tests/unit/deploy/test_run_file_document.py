@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from common.strict import flat
-from deploy.resolve import algorithms, resolve
+from railctl.common.strict import flat
+from railctl.deploy.resolve import algorithms, resolve
 
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "run-file.md").read_text()
 NAMED = set(re.findall(r"^\| `([\w.]+)` \|", DOCUMENT, re.MULTILINE))

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from common.strict import ConfigError
-from deploy.follow import wait_until
-from deploy.runs import Failed
-from deploy.task import Task, run_task, time_left
+from railctl.common.strict import ConfigError
+from railctl.deploy.follow import wait_until
+from railctl.deploy.runs import Failed
+from railctl.deploy.task import Task, run_task, time_left
 
 SAYS = """
 import json, sys

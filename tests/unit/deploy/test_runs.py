@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from common.bus import NoAnswer
-from common.folder import RunFolder
-from common.locks import sole
-from common.strict import ConfigError
-from deploy.runs import all_runs, find_run, reach, runs_root, supervised
+from railctl.common.bus import NoAnswer
+from railctl.common.folder import RunFolder
+from railctl.common.locks import sole
+from railctl.common.strict import ConfigError
+from railctl.deploy.runs import all_runs, find_run, reach, runs_root, supervised
 
 
 @pytest.fixture
@@ -93,7 +93,7 @@ def test_a_run_that_is_not_there_is_not_reached(root, monkeypatch):
     run.cluster_file.write_text('{"endpoint": "tcp/127.0.0.1:9", "namespace": "x"}')
     with pytest.raises(NoAnswer, match="run one is not running: railctl up --name one resumes it"), reach(run):
         pass
-    monkeypatch.setattr("deploy.runs.CONNECT_TIMEOUT_S", 0.1)
+    monkeypatch.setattr("railctl.deploy.runs.CONNECT_TIMEOUT_S", 0.1)
     with sole(run, "learner"), pytest.raises(NoAnswer, match=r"no router at tcp/127\.0\.0\.1:9"), reach(run):
         pass
 

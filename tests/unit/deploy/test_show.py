@@ -7,10 +7,10 @@ import pytest
 from made_rows import episode_row
 from rich.console import Console
 
-from common.compile_signs import COMPILING
-from common.records.control import ProcessStatus, Progress, Status
-from common.records.rows import EvaluationRow
-from deploy.show import (
+from railctl.common.compile_signs import COMPILING
+from railctl.common.records.control import ProcessStatus, Progress, Status
+from railctl.common.records.rows import EvaluationRow
+from railctl.deploy.show import (
     duration,
     evaluation_table,
     number,

@@ -3,12 +3,12 @@
 import pytest
 import yaml
 
-from common.checkpoint import load
-from common.rules.settings import NetworkConfig
-from common.strict import ConfigError
-from deploy.launch import new_run
-from deploy.resolve import resolve, resolve_existing
-from deploy.runs import Failed
+from railctl.common.checkpoint import load
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.strict import ConfigError
+from railctl.deploy.launch import new_run
+from railctl.deploy.resolve import resolve, resolve_existing
+from railctl.deploy.runs import Failed
 
 NETWORK = NetworkConfig(kind="actor-critic")
 

@@ -4,11 +4,11 @@ import pytest
 import yaml
 from demonstrated import WORLD, course
 
-from common.demonstrations import digest_of_file, write_demonstrations
-from common.strict import ConfigError
-from deploy.launch import new_run
-from deploy.resolve import resolve, resolve_existing
-from deploy.runs import Failed
+from railctl.common.demonstrations import digest_of_file, write_demonstrations
+from railctl.common.strict import ConfigError
+from railctl.deploy.launch import new_run
+from railctl.deploy.resolve import resolve, resolve_existing
+from railctl.deploy.runs import Failed
 
 
 @pytest.fixture

@@ -4,14 +4,14 @@ import signal
 
 import pytest
 
-from common.folder import RunFolder
-from common.levels.own import own_copy
-from common.records.control import Empty
-from common.records.joining import LevelsRequest
-from deploy import supervise
-from deploy.launch import new_run, write_cluster_file
-from deploy.resolve import resolve
-from deploy.supervise import Runner
+from railctl.common.folder import RunFolder
+from railctl.common.levels.own import own_copy
+from railctl.common.records.control import Empty
+from railctl.common.records.joining import LevelsRequest
+from railctl.deploy import supervise
+from railctl.deploy.launch import new_run, write_cluster_file
+from railctl.deploy.resolve import resolve
+from railctl.deploy.supervise import Runner
 
 
 class Asked:

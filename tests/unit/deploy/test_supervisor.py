@@ -5,9 +5,9 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from common.process import EXIT_FATAL
-from deploy.plan import actors, cluster
-from deploy.supervisor import (
+from railctl.common.process import EXIT_FATAL
+from railctl.deploy.plan import actors, cluster
+from railctl.deploy.supervisor import (
     FIRST_BACK_OFF_S,
     LONGEST_BACK_OFF_S,
     START_PATIENCE_S,

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from deploy.whole_paths import files_of, with_whole_paths
+from railctl.deploy.whole_paths import files_of, with_whole_paths
 
 GIVEN = {
     "levels": {

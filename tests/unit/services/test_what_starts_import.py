@@ -4,23 +4,23 @@ import subprocess
 
 import pytest
 
-from common.interpreter import PYTHON
+from railctl.common.interpreter import PYTHON
 
 RESOLVED = {
-    name: f"from deploy.resolve import resolve; config = resolve({{'algorithm': {name!r}}})\n"
+    name: f"from railctl.deploy.resolve import resolve; config = resolve({{'algorithm': {name!r}}})\n"
     for name in ("dddqn", "sil")
 }
 ACTING = """
-from common.levels.supply import LevelSupply
-from common.policy.leased import LeasePlayer
-from common.policy.player import chooser_of
-import services.actor.service, services.evaluator.service
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.leased import LeasePlayer
+from railctl.common.policy.player import chooser_of
+import railctl.services.actor.service, services.evaluator.service
 LeasePlayer(config, LevelSupply(config.world.levels), chooser_of(config)).get_ready("easy")
 """
 LEARNING = """
-import services.learner.service
-from services.learner.learning import build_trainer, learning_of
-from services.learner.selfcheck import made_up_episode
+import railctl.services.learner.service
+from railctl.services.learner.learning import build_trainer, learning_of
+from railctl.services.learner.selfcheck import made_up_episode
 trainer = build_trainer(config.rule, learning_of(config))
 for number in range(2):
     trainer.train(made_up_episode(number))
@@ -39,8 +39,8 @@ def imported(code, names):
 @pytest.mark.parametrize(
     ("code", "names"),
     [
-        ("import services.router.__main__", (*ELSEWHERE, "torch", "numba", "scipy")),
-        ("import services.actor.service, services.evaluator.service", (*ELSEWHERE, "torch", "numba", "scipy")),
+        ("import railctl.services.router.__main__", (*ELSEWHERE, "torch", "numba", "scipy")),
+        ("import railctl.services.actor.service, services.evaluator.service", (*ELSEWHERE, "torch", "numba", "scipy")),
         *((RESOLVED[name] + ACTING, (*ELSEWHERE, "torch")) for name in RESOLVED),
         *((RESOLVED[name] + LEARNING, (*ELSEWHERE, "torch")) for name in RESOLVED),
     ],

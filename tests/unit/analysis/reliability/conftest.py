@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.reliability import Curves
-from analysis.reliability.files import load
+from railctl.analysis.reliability import Curves
+from railctl.analysis.reliability.files import load
 
 DATA = Path(__file__).parent / "data"
 

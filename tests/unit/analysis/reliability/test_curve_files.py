@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from analysis.reliability import Curves, CurvesError, parse_switches
-from analysis.reliability.__main__ import parsed, reliability
-from analysis.reliability.files import load
-from common.strict import ConfigError
-from common.task import carry_out
+from railctl.analysis.reliability import Curves, CurvesError, parse_switches
+from railctl.analysis.reliability.__main__ import parsed, reliability
+from railctl.analysis.reliability.files import load
+from railctl.common.strict import ConfigError
+from railctl.common.task import carry_out
 
 FLOATS = np.linspace(-1, 0, 36).reshape(1, 2, 3, 6)
 GIVEN = {"returns": FLOATS, "block": np.array(3), "n_zones": np.array(2)}

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from analysis.reliability import Curves, Switches, judge, sensitivity
-from analysis.reliability.draws import KeyedDraws, ToolDraws
-from analysis.reliability.ranks import mean_ranks, own_ranks, penalties, pooled_ranks, rank_among
-from analysis.reliability.resampling import bootstrapped_runs, permuted_difference, permuted_runs
-from analysis.reliability.significance import differing
+from railctl.analysis.reliability import Curves, Switches, judge, sensitivity
+from railctl.analysis.reliability.draws import KeyedDraws, ToolDraws
+from railctl.analysis.reliability.ranks import mean_ranks, own_ranks, penalties, pooled_ranks, rank_among
+from railctl.analysis.reliability.resampling import bootstrapped_runs, permuted_difference, permuted_runs
+from railctl.analysis.reliability.significance import differing
 
 RETURNS = st.integers(-16, 0).map(lambda number: number / 16)
 

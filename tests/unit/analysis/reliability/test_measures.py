@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from analysis.reliability import Curves, Switches
-from analysis.reliability.measures import (
+from railctl.analysis.reliability import Curves, Switches
+from railctl.analysis.reliability.measures import (
     METRICS,
     dispersion_of_runs,
     drawdown,
@@ -16,7 +16,7 @@ from analysis.reliability.measures import (
     moving_average,
     tail_mean,
 )
-from analysis.reliability.zones import penalties_by_zone, zone_points
+from railctl.analysis.reliability.zones import penalties_by_zone, zone_points
 
 RETURNS = st.integers(-64, 0).map(lambda number: number / 64)
 

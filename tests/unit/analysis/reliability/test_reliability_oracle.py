@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from analysis.reliability import RECORDS, judge
+from railctl.analysis.reliability import RECORDS, judge
 
 EXACT = {"rtol": 1e-9, "atol": 1e-9, "equal_nan": True}
 

@@ -5,7 +5,7 @@ import json
 import made_study
 import pytest
 
-from analysis.report.__main__ import parsed, report
+from railctl.analysis.report.__main__ import parsed, report
 
 JUDGEMENT = {"block": 5, "zones": 3, "bootstraps": 40, "permutations": 60}
 QUALITIES = {"dddqn": 0.6, "ppo": 0.3, "dddqn-per": 0.45}

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import yaml
 
-from analysis.study import PlannedRun, Study, StudyFolder, planned_runs
-from common.folder import RunFolder
-from common.records.rows import EpisodeRow, EvaluationRow
-from deploy.launch import save_config
-from deploy.resolve import resolve
+from railctl.analysis.study import PlannedRun, Study, StudyFolder, planned_runs
+from railctl.common.folder import RunFolder
+from railctl.common.records.rows import EpisodeRow, EvaluationRow
+from railctl.deploy.launch import save_config
+from railctl.deploy.resolve import resolve
 
 DIGEST = "0" * 32
 BEGUN = 1_700_000_000.0

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from analysis.report.loading import load_results
-from analysis.report.markdown import final_scores
-from analysis.report.sections.final import final
-from analysis.report.sections.settings import settings
-from analysis.report.sections.summary import summary
-from analysis.report.tables import Table
+from railctl.analysis.report.loading import load_results
+from railctl.analysis.report.markdown import final_scores
+from railctl.analysis.report.sections.final import final
+from railctl.analysis.report.sections.settings import settings
+from railctl.analysis.report.sections.summary import summary
+from railctl.analysis.report.tables import Table
 
 ROOT = Path(__file__).parents[4]
 RESULTS = sorted((ROOT / "results").glob("*/results.json.xz"))

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.report import archive
-from analysis.report.__main__ import parsed, report
-from analysis.report.loading import load_results, load_study
-from common.strict import ConfigError
+from railctl.analysis.report import archive
+from railctl.analysis.report.__main__ import parsed, report
+from railctl.analysis.report.loading import load_results, load_study
+from railctl.common.strict import ConfigError
 
 
 def test_nothing_is_lost(made, tmp_path):

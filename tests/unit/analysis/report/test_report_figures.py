@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib import rc_context
 
-from analysis.report.figures.lines import Line, panels
-from analysis.report.figures.rankings import Ranking, lanes, rankings
-from analysis.report.figures.style import SETTINGS, below, image, inches, looks, spread
+from railctl.analysis.report.figures.lines import Line, panels
+from railctl.analysis.report.figures.rankings import Ranking, lanes, rankings
+from railctl.analysis.report.figures.style import SETTINGS, below, image, inches, looks, spread
 
 NAMES = ["dqn", "ddqn", "dddqn", "ppo", "ppor", "sil"]
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import yaml
 
-from analysis.report.loading import DamagedEvaluation, level_labels, load_runs, load_study
-from analysis.report.results import Rectangle
-from analysis.report.sections.settings import settings
-from analysis.study import PlannedRun
-from common.config import parse_config
-from common.rows import DamagedRows
-from common.strict import ConfigError
-from deploy.resolve import resolve
+from railctl.analysis.report.loading import DamagedEvaluation, level_labels, load_runs, load_study
+from railctl.analysis.report.results import Rectangle
+from railctl.analysis.report.sections.settings import settings
+from railctl.analysis.study import PlannedRun
+from railctl.common.config import parse_config
+from railctl.common.rows import DamagedRows
+from railctl.common.strict import ConfigError
+from railctl.deploy.resolve import resolve
 
 JUDGEMENT = {"block": 3, "zones": 2}
 HALF, WHOLE = np.linspace(-1, -0.5, 4), np.linspace(-1, -0.25, 6)

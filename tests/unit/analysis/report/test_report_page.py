@@ -10,12 +10,12 @@ import made_study
 import numpy as np
 import pytest
 
-from analysis.report import files as report_files
-from analysis.report.__main__ import parsed, report
-from analysis.report.page import page
-from analysis.report.parts import Figure, Listing, Section
-from analysis.report.tables import Column, Table
-from analysis.study import PlannedRun, StudyFolder
+from railctl.analysis.report import files as report_files
+from railctl.analysis.report.__main__ import parsed, report
+from railctl.analysis.report.page import page
+from railctl.analysis.report.parts import Figure, Listing, Section
+from railctl.analysis.report.tables import Column, Table
+from railctl.analysis.study import PlannedRun, StudyFolder
 
 
 class Page(HTMLParser):

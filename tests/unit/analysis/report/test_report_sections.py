@@ -5,21 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.report import published
-from analysis.report.contents import contents
-from analysis.report.figures.style import looks
-from analysis.report.markdown import final_scores
-from analysis.report.parts import Figure, Listing
-from analysis.report.results import Rectangle, Results, Scored, Trained
-from analysis.report.sections.beyond import beyond
-from analysis.report.sections.final import final
-from analysis.report.sections.reliability import about, rules, why_not
-from analysis.report.sections.settings import ours, settings
-from analysis.report.sections.summary import summary
-from analysis.report.sections.training import training
-from analysis.report.tables import Beside, Interval, Spread, Table
-from analysis.study import Judgement, PlannedRun
-from deploy.resolve import resolve
+from railctl.analysis.report import published
+from railctl.analysis.report.contents import contents
+from railctl.analysis.report.figures.style import looks
+from railctl.analysis.report.markdown import final_scores
+from railctl.analysis.report.parts import Figure, Listing
+from railctl.analysis.report.results import Rectangle, Results, Scored, Trained
+from railctl.analysis.report.sections.beyond import beyond
+from railctl.analysis.report.sections.final import final
+from railctl.analysis.report.sections.reliability import about, rules, why_not
+from railctl.analysis.report.sections.settings import ours, settings
+from railctl.analysis.report.sections.summary import summary
+from railctl.analysis.report.sections.training import training
+from railctl.analysis.report.tables import Beside, Interval, Spread, Table
+from railctl.analysis.study import Judgement, PlannedRun
+from railctl.deploy.resolve import resolve
 
 
 def results(runs, episodes=6, **given):

@@ -4,10 +4,10 @@ import doctest
 
 import numpy as np
 
-from analysis.report import tables
-from analysis.report.figures import style
-from analysis.report.sections import reliability
-from analysis.report.tables import Beside, Column, Interval, Spread, Table
+from railctl.analysis.report import tables
+from railctl.analysis.report.figures import style
+from railctl.analysis.report.sections import reliability
+from railctl.analysis.report.tables import Beside, Column, Interval, Spread, Table
 
 ROWS = [
     ["easy", 3, Spread(-0.26, 0.0163), Interval(0.5, 0.25, 0.75), Beside("64", "128"), None, 0.125],

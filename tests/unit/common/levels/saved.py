@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from msgpack._cmsgpack import Packer
 
-from common.levels.level import Level
+from railctl.common.levels.level import Level
 
 AGENT, STATES, STEP = "flatland.envs.agent_utils", "flatland.envs.step_utils.states", "flatland.envs.step_utils"
 WEST_END, ALONG, SWITCH, EAST_END, NORTH_END = 0x0004, 0x0401, 0x0C11, 0x0100, 0x2000

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.interpreter import PYTHON
-from common.levels import build as building
-from common.levels import chunks
-from common.levels.bank import LevelBank
-from common.levels.build import Progress, build
-from common.levels.chunks import HEADER_BYTES, BankError, key_of
-from common.levels.distributions import StockLevels, shipped
-from common.levels.generate import generate as generate_any
-from common.levels.level import InfeasibleLevelError
-from common.levels.shipped import generate
+from railctl.common.interpreter import PYTHON
+from railctl.common.levels import build as building
+from railctl.common.levels import chunks
+from railctl.common.levels.bank import LevelBank
+from railctl.common.levels.build import Progress, build
+from railctl.common.levels.chunks import HEADER_BYTES, BankError, key_of
+from railctl.common.levels.distributions import StockLevels, shipped
+from railctl.common.levels.generate import generate as generate_any
+from railctl.common.levels.level import InfeasibleLevelError
+from railctl.common.levels.shipped import generate
 
 EASY = shipped()["easy"]
 RUSH = StockLevels.model_validate(
@@ -37,8 +37,8 @@ CHUNK = 4
 WORKER = f"""
 import sys
 from pathlib import Path
-from common.levels import build
-from common.levels.distributions import shipped
+from railctl.common.levels import build
+from railctl.common.levels.distributions import shipped
 build.CHUNK_LEVELS = {CHUNK}
 for count in build.work(Path(sys.argv[1]), shipped()["easy"], {SEEDS}):
     print(count, flush=True)

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.levels import files
-from common.levels.files import LevelFileError
-from common.levels.level import Level, Malfunctions, Schedule
-from common.levels.shipped import generate
+from railctl.common.levels import files
+from railctl.common.levels.files import LevelFileError
+from railctl.common.levels.level import Level, Malfunctions, Schedule
+from railctl.common.levels.shipped import generate
 
 LEVELS = [generate("easy", seed) for seed in range(3)]
 

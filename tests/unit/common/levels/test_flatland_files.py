@@ -19,18 +19,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from saved import LEVEL, Saved, between, fourth, packed, pickled, second, static, third, waypoint
 
-from common.levels.distributions import MalfunctionSettings, StockLevels
-from common.levels.files import LevelFileError
-from common.levels.flatland.reading import ReadLevel, read_level
-from common.levels.generate import generate
-from common.levels.level import MOST_STEPS, Level, Malfunctions, Schedule
-from common.levels.plain import usable_headings
-from common.levels.reading import read
-from common.rail.compiled.world import CompiledWorld
-from common.rail.from_flatland import level_of
-from common.rail.plain_env import plain_environment
-from common.rail.world import MOVE_FORWARD
-from tools.levels.export import save_pickle
+from railctl.common.levels.distributions import MalfunctionSettings, StockLevels
+from railctl.common.levels.files import LevelFileError
+from railctl.common.levels.flatland.reading import ReadLevel, read_level
+from railctl.common.levels.generate import generate
+from railctl.common.levels.level import MOST_STEPS, Level, Malfunctions, Schedule
+from railctl.common.levels.plain import usable_headings
+from railctl.common.levels.reading import read
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.from_flatland import level_of
+from railctl.common.rail.plain_env import plain_environment
+from railctl.common.rail.world import MOVE_FORWARD
+from railctl.tools.levels.export import save_pickle
 
 FORMULA = ["without a step limit: 72 steps are taken, 8 x (rows + columns + trains / 2)"]
 RUSH = StockLevels(

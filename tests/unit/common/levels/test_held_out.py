@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.levels import held_out
-from common.levels.bank import LevelBank
-from common.levels.build import build, build_training
-from common.levels.chunks import key_of
-from common.levels.distributions import LegacyLevels, StockLevels, shipped
-from common.levels.generate import generate as generate_any
-from common.levels.held_out import (
+from railctl.common.levels import held_out
+from railctl.common.levels.bank import LevelBank
+from railctl.common.levels.build import build, build_training
+from railctl.common.levels.chunks import key_of
+from railctl.common.levels.distributions import LegacyLevels, StockLevels, shipped
+from railctl.common.levels.generate import generate as generate_any
+from railctl.common.levels.held_out import (
     HELD_OUT_LEVELS,
     NAME,
     AllHeldOutError,
@@ -23,12 +23,12 @@ from common.levels.held_out import (
     training_level,
     write_hashes,
 )
-from common.levels.level import Level
-from common.levels.prepare import prepare
-from common.levels.shipped import generate
-from common.levels.supply import LevelSupply
-from common.seeding import EVALUATION_BIT, evaluation_level_seed, training_level_seed
-from common.strict import ConfigError
+from railctl.common.levels.level import Level
+from railctl.common.levels.prepare import prepare
+from railctl.common.levels.shipped import generate
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.seeding import EVALUATION_BIT, evaluation_level_seed, training_level_seed
+from railctl.common.strict import ConfigError
 
 EASY, NOTHING = shipped()["easy"], HeldOut(frozenset())
 TINY = LegacyLevels(rules="legacy", size=(10, 10), trains=1, cities=2, held_out=12)
@@ -93,7 +93,7 @@ def test_a_bank_changes_nothing_and_spares_the_generator(tmp_path: Path, monkeyp
     assert [partly.training("easy", seed).content_hash for seed in TRAINING] == plain
     build_training(tmp_path, EASY, TRAINING)
     build(tmp_path, EASY, [evaluation_level_seed(index) for index in range(3)])
-    monkeypatch.setattr("common.levels.supply.generate", None)
+    monkeypatch.setattr("railctl.common.levels.supply.generate", None)
     supply = LevelSupply(root=tmp_path)
     assert [supply.training("easy", seed).content_hash for seed in TRAINING] == plain
     assert [supply.evaluation("easy", index).content_hash for index in range(3)] == evaluation
@@ -132,7 +132,7 @@ def test_what_is_held_out_is_drawn_once(tmp_path: Path, monkeypatch: pytest.Monk
     assert is_prepared(tmp_path, EASY)
     prepare(tmp_path, "tiny", TINY)
     assert is_prepared(tmp_path, TINY)
-    monkeypatch.setattr("common.levels.prepare.build", None)
+    monkeypatch.setattr("railctl.common.levels.prepare.build", None)
     prepare(tmp_path, "tiny", TINY)
     rails = read_hashes(tmp_path, TINY)
     assert HeldOut.of(TINY, LevelBank(tmp_path), lambda _levels, _seed: pytest.fail("it was drawn")).hashes == rails
@@ -149,13 +149,13 @@ def test_damaged_hashes_are_not_believed(tmp_path: Path, damage):
 
 def test_too_few_rails_are_refused_before_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(held_out, "TRIES", 1)
-    monkeypatch.setattr("common.levels.prepare.SAMPLE", 30)
+    monkeypatch.setattr("railctl.common.levels.prepare.SAMPLE", 30)
     levels = StockLevels(rules="stock", size=(10, 6), trains=1, cities=2, held_out=60)
     with pytest.raises(ConfigError, match=r"levels\.tiny: 1 draws for training level \d+ were all evaluation levels"):
         prepare(tmp_path, "tiny", levels)
 
 
 def test_what_has_no_levels_is_refused_before_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("common.levels.legacy.ROUTE_TRIES", 0)
+    monkeypatch.setattr("railctl.common.levels.legacy.ROUTE_TRIES", 0)
     with pytest.raises(ConfigError, match=r"levels\.tiny: no feasible level for seed"):
         prepare(tmp_path, "tiny", TINY)

@@ -16,10 +16,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from saved import LEVEL, Saved, effects_in_each_other, packed, pickled, static, third
 
-from common.levels import files
-from common.levels.files import LevelFileError
-from common.levels.flatland.reading import read_level
-from common.levels.reading import read
+from railctl.common.levels import files
+from railctl.common.levels.files import LevelFileError
+from railctl.common.levels.flatland.reading import read_level
+from railctl.common.levels.reading import read
 
 SECONDS = 20.0  # of the processor, on a machine with much else to do; what is not bounded takes minutes or for ever
 MEGABYTES = 1200

@@ -7,22 +7,22 @@ import subprocess
 import numpy as np
 import pytest
 
-from common.interpreter import PYTHON
-from common.levels import legacy
-from common.levels.compiled.twister import State
-from common.levels.distributions import LegacyLevels, shipped
-from common.levels.generate import generate as generate_any
-from common.levels.legacy import max_episode_steps
-from common.levels.level import InfeasibleLevelError
-from common.levels.shipped import generate
-from common.rail.flatland_world import FlatlandWorld
-from common.seeding import evaluation_level_seed, training_level_seed
-from tools.levels.routes import numbers
+from railctl.common.interpreter import PYTHON
+from railctl.common.levels import legacy
+from railctl.common.levels.compiled.twister import State
+from railctl.common.levels.distributions import LegacyLevels, shipped
+from railctl.common.levels.generate import generate as generate_any
+from railctl.common.levels.legacy import max_episode_steps
+from railctl.common.levels.level import InfeasibleLevelError
+from railctl.common.levels.shipped import generate
+from railctl.common.rail.flatland_world import FlatlandWorld
+from railctl.common.seeding import evaluation_level_seed, training_level_seed
+from railctl.tools.levels.routes import numbers
 
 NAMES = tuple(shipped())
 LARGEST_SEED = 2**32 - 1
 HASHES = f"""
-from common.levels.shipped import generate
+from railctl.common.levels.shipped import generate
 for difficulty in {NAMES}:
     print(generate(difficulty, 5).content_hash, generate(difficulty, {LARGEST_SEED}).content_hash)
 """

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.levels import files
-from common.levels.distributions import Bounds, LevelFiles, shipped
-from common.levels.level import Level
-from common.levels.own import divided, read_level_files, with_files_read
-from common.levels.shipped import generate
-from common.levels.supply import LevelSupply
-from common.strict import ConfigError
+from railctl.common.levels import files
+from railctl.common.levels.distributions import Bounds, LevelFiles, shipped
+from railctl.common.levels.level import Level
+from railctl.common.levels.own import divided, read_level_files, with_files_read
+from railctl.common.levels.shipped import generate
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.strict import ConfigError
 
 LEVELS = [generate("easy", seed) for seed in range(8)]
 MIXED = [*LEVELS, generate("hard", 1), generate("hard", 2)]

@@ -4,12 +4,12 @@ import pytest
 from flatland.envs.rail_generators import SparseRailGen
 from flatland.utils.seeding import np_random
 
-from common.levels.check import check
-from common.levels.distributions import LegacyLevels, StockLevels
-from common.levels.generate import generate
-from common.levels.room import Room, room_of
-from common.strict import ConfigError
-from tools.levels.library import forget_rails
+from railctl.common.levels.check import check
+from railctl.common.levels.distributions import LegacyLevels, StockLevels
+from railctl.common.levels.generate import generate
+from railctl.common.levels.room import Room, room_of
+from railctl.common.strict import ConfigError
+from railctl.tools.levels.library import forget_rails
 
 
 def stock(size: tuple[int, int], pairs: int = 2, cities: int = 2) -> StockLevels:

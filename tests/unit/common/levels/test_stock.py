@@ -8,13 +8,13 @@ from flatland.envs.step_utils.speed_counter import _pseudo_fractional
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from common.levels import stock
-from common.levels.check import check
-from common.levels.distributions import StockLevels
-from common.levels.generate import generate
-from common.levels.level import InfeasibleLevelError, Malfunctions
-from common.levels.speeds import speed_fraction
-from common.strict import ConfigError
+from railctl.common.levels import stock
+from railctl.common.levels.check import check
+from railctl.common.levels.distributions import StockLevels
+from railctl.common.levels.generate import generate
+from railctl.common.levels.level import InfeasibleLevelError, Malfunctions
+from railctl.common.levels.speeds import speed_fraction
+from railctl.common.strict import ConfigError
 
 SPEEDS = {0.5: 0.3, 1.0: 0.5, 0.33: 0.2}
 EASY = StockLevels(rules="stock", size=(25, 25), trains=3, cities=2)

@@ -5,10 +5,10 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from common.policy.acting import EpsilonGreedy, draw_counter
-from common.policy.networks import build_network, import_parameters
-from common.rules.settings import NetworkConfig
-from common.seeding import stream_key, uniform
+from railctl.common.policy.acting import EpsilonGreedy, draw_counter
+from railctl.common.policy.networks import build_network, import_parameters
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.seeding import stream_key, uniform
 
 KEY = stream_key(1, 2, "explore")
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from common.policy.actor_critic import build_actor_critic
-from common.policy.networks import export_parameters, import_parameters
-from common.policy.orthogonal import orthogonal
-from common.rules.settings import NetworkConfig
+from railctl.common.policy.actor_critic import build_actor_critic
+from railctl.common.policy.networks import export_parameters, import_parameters
+from railctl.common.policy.orthogonal import orthogonal
+from railctl.common.rules.settings import NetworkConfig
 
 CONFIG = NetworkConfig(hidden=(12, 8))
 PINNED = [

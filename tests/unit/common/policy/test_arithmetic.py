@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from common.policy import arithmetic
+from railctl.common.policy import arithmetic
 
 CASES = [
     (arithmetic.exp, np.exp, np.linspace(-80, 80, 4001)),

@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from common.policy import choosing
-from common.policy.acting import EpsilonGreedy
-from common.policy.packing import ACTOR_CRITIC
-from common.seeding import stream_key
+from railctl.common.policy import choosing
+from railctl.common.policy.acting import EpsilonGreedy
+from railctl.common.policy.packing import ACTOR_CRITIC
+from railctl.common.seeding import stream_key
 
 KEY = stream_key(1, 2, "explore")
 LOGITS = np.array([0.5, -1.0, 2.0, 0.0], np.float32)

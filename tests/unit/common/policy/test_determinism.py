@@ -3,10 +3,10 @@
 import os
 import subprocess
 
-from common.interpreter import PYTHON
+from railctl.common.interpreter import PYTHON
 
 CODE = """
-from common.policy.determinism import deterministic_torch
+from railctl.common.policy.determinism import deterministic_torch
 deterministic_torch()
 deterministic_torch()  # harmless
 import torch

@@ -4,23 +4,23 @@ import numpy as np
 import pytest
 import torch
 
-from common.config import parse_config
-from common.levels.shipped import generate
-from common.policy.compiled import Twin
-from common.policy.exit_layers import NO_EXIT
-from common.policy.exits import ExitsNetwork, build_exits
-from common.policy.networks import export_parameters
-from common.policy.packing import Layout
-from common.rail.compiled.world import CompiledWorld
-from common.rail.observations.traffic import TrafficObservation
-from common.rail.observations.traffic_shape import EXITS_END, N_EXIT, N_EXITS, N_OTHER, N_ROW, N_TRAIN
-from common.rail.world import MOVE_FORWARD, MOVE_LEFT, N_ACTIONS
-from common.rules.settings import NetworkConfig
-from common.strict import ConfigError
-from services.learner.learning import Learning
-from services.learner.policy_training import build_network
-from services.learner.sparse import sparse_rows
-from services.learner.textbook.policies import PolicyNetwork
+from railctl.common.config import parse_config
+from railctl.common.levels.shipped import generate
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.exit_layers import NO_EXIT
+from railctl.common.policy.exits import ExitsNetwork, build_exits
+from railctl.common.policy.networks import export_parameters
+from railctl.common.policy.packing import Layout
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.observations.traffic import TrafficObservation
+from railctl.common.rail.observations.traffic_shape import EXITS_END, N_EXIT, N_EXITS, N_OTHER, N_ROW, N_TRAIN
+from railctl.common.rail.world import MOVE_FORWARD, MOVE_LEFT, N_ACTIONS
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.strict import ConfigError
+from railctl.services.learner.learning import Learning
+from railctl.services.learner.policy_training import build_network
+from railctl.services.learner.sparse import sparse_rows
+from railctl.services.learner.textbook.policies import PolicyNetwork
 
 HIDDEN = [(16,), (24, 16), (9, 20, 12)]
 

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from torch import nn
 
-from common.levels.supply import LevelSupply
-from common.policy.actor_critic import build_actor_critic
-from common.policy.compiled import Twin
-from common.policy.modules import ModuleChooser
-from common.policy.networks import build_network, export_parameters
-from common.policy.player import Acting, network_layout, play, player
-from common.records.acting import digest_of
-from common.rules.settings import NetworkConfig
-from common.world import study_world
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.actor_critic import build_actor_critic
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.modules import ModuleChooser
+from railctl.common.policy.networks import build_network, export_parameters
+from railctl.common.policy.player import Acting, network_layout, play, player
+from railctl.common.records.acting import digest_of
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.world import study_world
 
 
 def study_player(engine, trains=7, **options):

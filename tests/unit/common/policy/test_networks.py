@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from common.policy.networks import build_network, dueling_values, export_parameters, import_parameters
-from common.rules.settings import NetworkConfig
+from railctl.common.policy.networks import build_network, dueling_values, export_parameters, import_parameters
+from railctl.common.rules.settings import NetworkConfig
 
 PLAIN = NetworkConfig(hidden=(4, 3))
 DUELING = NetworkConfig(hidden=(4, 3), kind="dueling")

@@ -3,9 +3,9 @@
 import numpy as np
 import torch
 
-from common.policy.networks import export_parameters
-from common.policy.recurrent import build_recurrent_network
-from common.rules.settings import NetworkConfig
+from railctl.common.policy.networks import export_parameters
+from railctl.common.policy.recurrent import build_recurrent_network
+from railctl.common.rules.settings import NetworkConfig
 
 CONFIG = NetworkConfig(hidden=(6, 4))
 

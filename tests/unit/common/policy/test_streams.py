@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common import seeding
-from common.policy import streams
+from railctl.common import seeding
+from railctl.common.policy import streams
 
 WORDS = st.integers(0, 2**64 - 1)
 COUNTERS = st.integers(0, 2**40)

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 import torch
 
-from common.interpreter import PYTHON
-from common.policy.acting import EpsilonGreedy
-from common.policy.actor_critic import build_actor_critic
-from common.policy.compiled import Twin
-from common.policy.networks import build_network, export_parameters
-from common.policy.packing import KINDS, Layout
-from common.policy.recurrent import build_recurrent_network
-from common.rules.settings import NetworkConfig
-from common.seeding import stream_key
+from railctl.common.interpreter import PYTHON
+from railctl.common.policy.acting import EpsilonGreedy
+from railctl.common.policy.actor_critic import build_actor_critic
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.networks import build_network, export_parameters
+from railctl.common.policy.packing import KINDS, Layout
+from railctl.common.policy.recurrent import build_recurrent_network
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.seeding import stream_key
 
 ASSEMBLY = """
 import numpy as np
-from common.policy import twin
-from common.policy.packing import Layout
+from railctl.common.policy import twin
+from railctl.common.policy.packing import Layout
 layout = Layout("recurrent", 4, 5, (8, 8))
 x, state, out = np.zeros((1, 4), np.float32), np.zeros((1, 16), np.float32), np.zeros((1, 5), np.float32)
 twin.forward(layout.header, np.zeros(9999, np.float32), x, state, out)
@@ -37,8 +37,8 @@ KEY = stream_key(3, 1, "explore")
 DIGESTS = """
 import hashlib, sys
 import numpy as np
-from common.policy.compiled import Twin
-from common.policy.packing import KINDS, Layout
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.packing import KINDS, Layout
 rng = np.random.default_rng(1)
 np.seterr(over="ignore")
 for kind in KINDS:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from common.levels.level import Level, Malfunctions, Schedule
+from railctl.common.levels.level import Level, Malfunctions, Schedule
 
 NORTH, EAST, SOUTH, WEST = range(4)
 ALONG, ACROSS = 0x0401, 0x8020

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from made_rails import EAST, fork, line, ring, scheduled
 
-from common.levels.supply import LevelSupply
-from common.rail.compiled.arrays import BROKEN_OFF_MAP, MOVING, READY
-from common.rail.compiled.world import CompiledWorld
-from common.rail.flatland_world import FlatlandWorld
-from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.rail.compiled.arrays import BROKEN_OFF_MAP, MOVING, READY
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.flatland_world import FlatlandWorld
+from railctl.common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
 
 
 @pytest.mark.parametrize(("mode", "then"), [("off", MOVING), ("valid", MOVING), ("safe", READY), ("planned", READY)])

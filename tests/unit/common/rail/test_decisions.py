@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from common.rail.decisions import decision_cells
+from railctl.common.rail.decisions import decision_cells
 
 NORTH, EAST, SOUTH, WEST = range(4)
 ALONG, ACROSS = 0x0401, 0x8020  # straight track, east-west and north-south

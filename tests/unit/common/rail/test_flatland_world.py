@@ -5,11 +5,11 @@ import random
 import numpy as np
 import pytest
 
-from common.levels.level import Level
-from common.levels.shipped import generate
-from common.rail.decisions import decision_cells
-from common.rail.flatland_world import FlatlandEpisode, FlatlandWorld
-from common.rail.world import DO_NOTHING, MOVE_FORWARD, MOVE_LEFT, STOP_MOVING, World
+from railctl.common.levels.level import Level
+from railctl.common.levels.shipped import generate
+from railctl.common.rail.decisions import decision_cells
+from railctl.common.rail.flatland_world import FlatlandEpisode, FlatlandWorld
+from railctl.common.rail.world import DO_NOTHING, MOVE_FORWARD, MOVE_LEFT, STOP_MOVING, World
 
 EAST, WEST = 1, 3
 ALONG = 0x0401

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from common.levels.shipped import generate
-from common.rail.flatland_env import LevelEnv
-from common.rail.from_flatland import UnsupportedEnvironmentError, level_of
-from tools.bench.world import MALFUNCTIONS, environment
+from railctl.common.levels.shipped import generate
+from railctl.common.rail.flatland_env import LevelEnv
+from railctl.common.rail.from_flatland import UnsupportedEnvironmentError, level_of
+from railctl.tools.bench.world import MALFUNCTIONS, environment
 
 LEVEL = generate("medium", 1)
 

@@ -5,8 +5,8 @@ from math import inf
 import numpy as np
 import pytest
 
-from common.levels.level import Level
-from common.rail.legacy_tree import LegacyTree
+from railctl.common.levels.level import Level
+from railctl.common.rail.legacy_tree import LegacyTree
 
 EAST, WEST = 1, 3
 ALONG = 0x0401

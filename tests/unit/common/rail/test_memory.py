@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.levels.shipped import generate
-from common.policy.compiled import Twin
-from common.policy.networks import build_network, export_parameters
-from common.policy.player import Acting, compiled_world, network_layout, play
-from common.policy.rollout import Rollouts
-from common.rail.flatland_world import FlatlandWorld
-from common.rules.settings import NetworkConfig
-from common.world import study_world
+from railctl.common.levels.shipped import generate
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.networks import build_network, export_parameters
+from railctl.common.policy.player import Acting, compiled_world, network_layout, play
+from railctl.common.policy.rollout import Rollouts
+from railctl.common.rail.flatland_world import FlatlandWorld
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.world import study_world
 
 EPISODES = 2000
 WARM_UP_EPISODES = 200

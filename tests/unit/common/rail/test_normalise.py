@@ -5,8 +5,8 @@ from math import inf
 import numpy as np
 import pytest
 
-from common.levels.distributions import Bounds
-from common.rail.normalise import N_FEATURES, N_NODE_FEATURES, N_NODES, journey_cells, normalise
+from railctl.common.levels.distributions import Bounds
+from railctl.common.rail.normalise import N_FEATURES, N_NODE_FEATURES, N_NODES, journey_cells, normalise
 
 
 def tree_of(**nodes: tuple[float, ...]) -> np.ndarray:

@@ -8,17 +8,17 @@ from pathlib import Path
 
 import pytest
 
-from common.interpreter import PYTHON
+from railctl.common.interpreter import PYTHON
 
 ROOT = Path(__file__).parents[4]
 TEXT = (ROOT / "CONTRIBUTING.md").read_text()
 PLAYED = """
 import numpy as np
 from made_rails import EAST, line
-from common.rail.compiled.world import CompiledWorld
-from common.rail.flatland_world import FlatlandWorld
-from common.rail.observations.table import CompassObservation
-from common.rail.rewards.table import SparseReward
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.flatland_world import FlatlandWorld
+from railctl.common.rail.observations.table import CompassObservation
+from railctl.common.rail.rewards.table import SparseReward
 
 told = {"observation": CompassObservation(scale=5), "reward": SparseReward(arrival=2), "decisions": "always"}
 for engine in (CompiledWorld, FlatlandWorld):

@@ -3,9 +3,9 @@
 import pytest
 from pydantic import ValidationError
 
-from common.rules import rules, settings_of
-from common.rules.settings import RuleSettings
-from common.strict import ConfigError, describe
+from railctl.common.rules import rules, settings_of
+from railctl.common.rules.settings import RuleSettings
+from railctl.common.strict import ConfigError, describe
 
 VALUES = {"dqn": {"learning_rate": 0.1, "batch_size": 8, "learn_every_steps": 4}, "replay": {"capacity": 100}}
 POLICY = {"ppo": {"learning_rate": 0.1, "epochs": 2}}

@@ -15,13 +15,13 @@ from made_episodes import answer_to, edited, lease_of
 from msgpack import ExtType, Timestamp
 from msgpack._cmsgpack import Packer
 
-from common.records import acting, checkpoints, control, course, heartbeats, joining, rows
-from common.records.base import Record
-from common.wire import arrays, blocks, codec, keys
-from common.wire.arrays import pack_array, unpack_array
-from common.wire.blocks import take_apart
-from common.wire.codec import Refused, decode, encode, encoding_of
-from common.wire.keys import Service, Topic
+from railctl.common.records import acting, checkpoints, control, course, heartbeats, joining, rows
+from railctl.common.records.base import Record
+from railctl.common.wire import arrays, blocks, codec, keys
+from railctl.common.wire.arrays import pack_array, unpack_array
+from railctl.common.wire.blocks import take_apart
+from railctl.common.wire.codec import Refused, decode, encode, encoding_of
+from railctl.common.wire.keys import Service, Topic
 
 COUNTS = st.integers(0, 2**53 - 1)
 FLOATS = st.floats(allow_nan=False, allow_infinity=False)

@@ -5,9 +5,9 @@ import zenoh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.wire import keys
-from common.wire.codec import encoding_of
-from common.wire.keys import ALL_ALIVE, Alive, Service, Topic
+from railctl.common.wire import keys
+from railctl.common.wire.codec import encoding_of
+from railctl.common.wire.keys import ALL_ALIVE, Alive, Service, Topic
 
 TOPICS = [value for value in vars(keys).values() if isinstance(value, Topic)]
 SERVICES = [value for value in vars(keys).values() if isinstance(value, Service)]

@@ -1,7 +1,7 @@
 """Who far away may do what: every right is written here, so that none comes by chance."""
 
-from common.wire import keys
-from common.wire.rights import BEHIND_A_RELAY, RIGHTS
+from railctl.common.wire import keys
+from railctl.common.wire.rights import BEHIND_A_RELAY, RIGHTS
 
 SEEN = {"rows/episodes", "rows/evaluations", "checkpoints", "heartbeats", "heartbeats/far"}
 TOLD = {

@@ -6,9 +6,9 @@ import kubernetes_validate
 import pytest
 import yaml
 
-from common.strict import ConfigError
-from deploy.backends.kubernetes import manifests
-from deploy.placement import placed
+from railctl.common.strict import ConfigError
+from railctl.deploy.backends.kubernetes import manifests
+from railctl.deploy.placement import placed
 
 VERSIONS = ("1.31", "1.37")  # the first in which all that is used is stable but `podReplacementPolicy`, and the newest
 

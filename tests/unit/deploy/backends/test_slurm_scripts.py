@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from deploy.backends.slurm import run_script, study_script
-from deploy.follow import wait_until
-from deploy.placement import StudyPlacement, placed
+from railctl.deploy.backends.slurm import run_script, study_script
+from railctl.deploy.follow import wait_until
+from railctl.deploy.placement import StudyPlacement, placed
 
 PATIENCE_S = 60.0
 STOOD_FOR = """#!/bin/bash

@@ -5,10 +5,10 @@ from collections.abc import Callable
 
 import pytest
 
-from analysis.study import PlannedRun, Study, StudyFolder
-from common.folder import RunFolder
-from deploy.launch import new_run
-from deploy.study.described import configurations
+from railctl.analysis.study import PlannedRun, Study, StudyFolder
+from railctl.common.folder import RunFolder
+from railctl.deploy.launch import new_run
+from railctl.deploy.study.described import configurations
 
 
 @pytest.fixture

@@ -3,10 +3,10 @@
 import pytest
 import yaml
 
-from analysis.study import PlannedRun, Study, StudyFolder, planned_runs, read_study
-from common.strict import ConfigError, flat
-from deploy.runs import runs_root
-from deploy.study.described import configurations, find_folder, find_study, named, save_study, shipped_studies
+from railctl.analysis.study import PlannedRun, Study, StudyFolder, planned_runs, read_study
+from railctl.common.strict import ConfigError, flat
+from railctl.deploy.runs import runs_root
+from railctl.deploy.study.described import configurations, find_folder, find_study, named, save_study, shipped_studies
 
 SMALL = {
     "name": "small",

@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from analysis.study import PlannedRun, Study
-from deploy.study.dispatcher import (
+from railctl.analysis.study import PlannedRun, Study
+from railctl.deploy.study.dispatcher import (
     MOST_LOSSES,
     Adopted,
     Begin,

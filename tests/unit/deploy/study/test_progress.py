@@ -4,11 +4,11 @@ import json
 
 import pytest
 
-from analysis.study import FinalEvaluation, PlannedRun, Study, StudyFolder
-from common.folder import RunFolder
-from common.locks import sole
-from deploy.study.described import save_study
-from deploy.study.estimate import (
+from railctl.analysis.study import FinalEvaluation, PlannedRun, Study, StudyFolder
+from railctl.common.folder import RunFolder
+from railctl.common.locks import sole
+from railctl.deploy.study.described import save_study
+from railctl.deploy.study.estimate import (
     BESIDE_S,
     SCORING_STARTS_S,
     STARTING_S,
@@ -17,7 +17,7 @@ from deploy.study.estimate import (
     run_seconds,
     seconds_left,
 )
-from deploy.study.progress import Looking, status_document
+from railctl.deploy.study.progress import Looking, status_document
 
 STUDY = Study.model_validate(
     {

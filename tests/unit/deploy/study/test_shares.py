@@ -5,12 +5,12 @@ from itertools import chain
 
 import pytest
 
-from analysis.study import Study, StudyFolder, planned_runs
-from common.strict import ConfigError
-from deploy.runs import Failed
-from deploy.study.dispatcher import Reporting, in_order
-from deploy.study.shares import Share, parse_share
-from deploy.study.work import alone
+from railctl.analysis.study import Study, StudyFolder, planned_runs
+from railctl.common.strict import ConfigError
+from railctl.deploy.runs import Failed
+from railctl.deploy.study.dispatcher import Reporting, in_order
+from railctl.deploy.study.shares import Share, parse_share
+from railctl.deploy.study.work import alone
 
 STUDY = Study.model_validate(
     {

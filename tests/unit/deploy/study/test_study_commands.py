@@ -9,19 +9,19 @@ import yaml
 from rich.console import Console
 from typer.testing import CliRunner
 
-from analysis.study import PlannedRun, Study, StudyFolder
-from common.interpreter import PYTHON
-from common.locks import sole
-from deploy import task
-from deploy.cli import app
-from deploy.study import calibration
-from deploy.study.calibration import REST_BYTES, ROWS_BYTES
-from deploy.study.described import configurations, save_study
-from deploy.study.dispatcher import Dispatcher, Ended
-from deploy.study.estimate import BESIDE_S, SCORING_STARTS_S, STARTING_S
-from deploy.study.levels import missing_levels
-from deploy.study.runner import Runner
-from deploy.study.view import StudyView
+from railctl.analysis.study import PlannedRun, Study, StudyFolder
+from railctl.common.interpreter import PYTHON
+from railctl.common.locks import sole
+from railctl.deploy import task
+from railctl.deploy.cli import app
+from railctl.deploy.study import calibration
+from railctl.deploy.study.calibration import REST_BYTES, ROWS_BYTES
+from railctl.deploy.study.described import configurations, save_study
+from railctl.deploy.study.dispatcher import Dispatcher, Ended
+from railctl.deploy.study.estimate import BESIDE_S, SCORING_STARTS_S, STARTING_S
+from railctl.deploy.study.levels import missing_levels
+from railctl.deploy.study.runner import Runner
+from railctl.deploy.study.view import StudyView
 
 GIVEN = {
     "name": "made",

@@ -5,18 +5,18 @@ import json
 import numpy as np
 import pytest
 
-from common.demonstrations import digest_of, read_demonstrations
-from common.levels.supply import LevelSupply
-from common.policy.player import compiled_world
-from common.rail.compiled.arrays import NOWHERE
-from common.records.course import NONE
-from common.requests import DemonstrationRequest
-from common.rules.settings import NetworkConfig
-from common.seeding import training_level_seed
-from common.strict import ConfigError
-from deploy.resolve import resolve
-from services.evaluator.demonstrate import demonstrate
-from services.evaluator.references.planner import best_ways
+from railctl.common.demonstrations import digest_of, read_demonstrations
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.player import compiled_world
+from railctl.common.rail.compiled.arrays import NOWHERE
+from railctl.common.records.course import NONE
+from railctl.common.requests import DemonstrationRequest
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.seeding import training_level_seed
+from railctl.common.strict import ConfigError
+from railctl.deploy.resolve import resolve
+from railctl.services.evaluator.demonstrate import demonstrate
+from railctl.services.evaluator.references.planner import best_ways
 
 PLAIN = resolve({"algorithm": "ppo", "level": "easy", "seed": 3})
 SIGNALLED = resolve({"algorithm": "dispatch", "level": "easy", "seed": 3})

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from made_episodes import course_of, decisions_of
 
-from common.levels.supply import LevelSupply
-from common.policy.checkpoints import load_policy
-from common.policy.player import Acting, play, player
-from common.rules.settings import NetworkConfig
-from common.world import study_world
-from services.evaluator.runner import UnplayableLevelError, evaluate, greedy, sampled
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.checkpoints import load_policy
+from railctl.common.policy.player import Acting, play, player
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.world import study_world
+from railctl.services.evaluator.runner import UnplayableLevelError, evaluate, greedy, sampled
 
 LEVELS = [LevelSupply().evaluation("easy", index) for index in range(4)]
 

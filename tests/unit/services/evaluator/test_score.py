@@ -7,22 +7,22 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from common import checkpoint
-from common.checkpoint import CheckpointError
-from common.folder import RunFolder
-from common.levels import files
-from common.levels.files import LevelFileError
-from common.levels.supply import LevelSupply
-from common.policy.checkpoints import load_policy
-from common.policy.player import player
-from common.requests import LevelChoice, ScoreRequest
-from common.rules.settings import NetworkConfig
-from common.strict import ConfigError
-from common.task import carry_out
-from deploy.resolve import resolve
-from services.evaluator.runner import UnplayableLevelError, evaluate, greedy
-from services.evaluator.score import score
-from services.evaluator.service import Evaluator
+from railctl.common import checkpoint
+from railctl.common.checkpoint import CheckpointError
+from railctl.common.folder import RunFolder
+from railctl.common.levels import files
+from railctl.common.levels.files import LevelFileError
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.checkpoints import load_policy
+from railctl.common.policy.player import player
+from railctl.common.requests import LevelChoice, ScoreRequest
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.strict import ConfigError
+from railctl.common.task import carry_out
+from railctl.deploy.resolve import resolve
+from railctl.services.evaluator.runner import UnplayableLevelError, evaluate, greedy
+from railctl.services.evaluator.score import score
+from railctl.services.evaluator.service import Evaluator
 
 FIGURES = ["mean", "low", "high", "std", "median", "arrived_share", "all_arrived_share", "mean_steps", "score"]
 FIGURES += ["returns"]

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from common.records.course import Course, Decisions
-from common.world import WorldSpec, study_world
+from railctl.common.records.course import Course, Decisions
+from railctl.common.world import WorldSpec, study_world
 
 WORLD = WorldSpec(levels={"easy": study_world().levels["easy"]})
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from common.records.acting import Circumstances, Fragment, Lease, Progressed
-from common.records.course import Course, Decisions
+from railctl.common.records.acting import Circumstances, Fragment, Lease, Progressed
+from railctl.common.records.course import Course, Decisions
 
 STEPS, TRAINS = 40, 3
 

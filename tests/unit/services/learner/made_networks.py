@@ -1,11 +1,11 @@
 """Networks of torch as what runs begin with, and what learns them."""
 
-from common.policy.first_weights import FirstNetwork
-from common.policy.networks import QNetwork, export_parameters
-from common.policy.recurrent import RecurrentQNetwork
-from common.rules.settings import NetworkConfig
-from common.rules.values import DqnConfig
-from services.learner.fused.dqn import FusedApart, FusedDqn, FusedValues
+from railctl.common.policy.first_weights import FirstNetwork
+from railctl.common.policy.networks import QNetwork, export_parameters
+from railctl.common.policy.recurrent import RecurrentQNetwork
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.rules.values import DqnConfig
+from railctl.services.learner.fused.dqn import FusedApart, FusedDqn, FusedValues
 
 
 def first_of(network) -> FirstNetwork:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from made_episodes import cut, edited, make_episode
 
-from common.recent import RECENT_EPISODES
-from services.learner.account import RATE_WINDOW_S, Account, is_due, row_of
-from services.learner.opened import OpenEpisode
+from railctl.common.recent import RECENT_EPISODES
+from railctl.services.learner.account import RATE_WINDOW_S, Account, is_due, row_of
+from railctl.services.learner.opened import OpenEpisode
 
 
 def row(number=0, **changes):

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from made_rows import episode_row
 
-from common import checkpoint
-from common.config import parse_config
-from common.folder import RunFolder
-from common.process import Fatal
-from common.records.rows import EpisodeRow
-from common.rows import RowFile, read_rows
-from services.learner import archive as archive_module
-from services.learner.archive import Archive, arithmetic, repeats
+from railctl.common import checkpoint
+from railctl.common.config import parse_config
+from railctl.common.folder import RunFolder
+from railctl.common.process import Fatal
+from railctl.common.records.rows import EpisodeRow
+from railctl.common.rows import RowFile, read_rows
+from railctl.services.learner import archive as archive_module
+from railctl.services.learner.archive import Archive, arithmetic, repeats
 
 
 def config(**changes):

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from common.checkpoint import CheckpointError
-from common.rules.settings import NetworkConfig
-from deploy.launch import new_run
-from deploy.resolve import resolve
-from services.learner.learning import build_trainer, learning_of
-from services.learner.start import start_of
+from railctl.common.checkpoint import CheckpointError
+from railctl.common.rules.settings import NetworkConfig
+from railctl.deploy.launch import new_run
+from railctl.deploy.resolve import resolve
+from railctl.services.learner.learning import build_trainer, learning_of
+from railctl.services.learner.start import start_of
 
 
 @pytest.fixture

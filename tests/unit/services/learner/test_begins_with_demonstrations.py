@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from demonstrated import WORLD, course
 
-from common.demonstrations import digest_of_file, write_demonstrations
-from deploy.launch import new_run
-from deploy.resolve import resolve
-from services.learner.learning import build_trainer, learning_of
-from services.learner.returns import decision_returns
-from services.learner.start import demonstrations_of
+from railctl.common.demonstrations import digest_of_file, write_demonstrations
+from railctl.deploy.launch import new_run
+from railctl.deploy.resolve import resolve
+from railctl.services.learner.learning import build_trainer, learning_of
+from railctl.services.learner.returns import decision_returns
+from railctl.services.learner.start import demonstrations_of
 
 PLAIN = {"algorithm": "sil", "level": "easy", "cluster": {"cores": 1}}
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from made_episodes import answer_to, edited
 
-from common.records.acting import LeaseRequest
-from services.learner.desk import LEASE_S, LONG_POLL_S, OPEN_S, STORY_EVENTS, Desk, Reply, Start
-from services.learner.schedule import Schedule
+from railctl.common.records.acting import LeaseRequest
+from railctl.services.learner.desk import LEASE_S, LONG_POLL_S, OPEN_S, STORY_EVENTS, Desk, Reply, Start
+from railctl.services.learner.schedule import Schedule
 
 NOW = 100.0
 

@@ -7,13 +7,13 @@ import pytest
 import torch
 from made_networks import first_of
 
-from common.policy.networks import build_network, import_parameters
-from common.rules.settings import NetworkConfig
-from common.rules.values import DqnConfig
-from services.learner.fused.dqn import FusedApart, FusedDqn
-from services.learner.textbook.allowing import allowed_only
-from services.learner.textbook.dqn import Dqn, double_q_target, error_gradient, q_target, soft_update
-from services.learner.training import Batch
+from railctl.common.policy.networks import build_network, import_parameters
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.rules.values import DqnConfig
+from railctl.services.learner.fused.dqn import FusedApart, FusedDqn
+from railctl.services.learner.textbook.allowing import allowed_only
+from railctl.services.learner.textbook.dqn import Dqn, double_q_target, error_gradient, q_target, soft_update
+from railctl.services.learner.training import Batch
 
 R_T = torch.tensor([-1.0, -2.0])
 DISCOUNT_T = torch.tensor([0.5, 0.0])

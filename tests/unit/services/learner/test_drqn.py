@@ -3,11 +3,11 @@
 import numpy as np
 from made_episodes import decided
 
-from common.rules.replay import UniformReplay
-from services.learner.algorithms.drqn import sequences
-from services.learner.replay.replay import Replay
-from services.learner.replay.transitions import COLUMNS, ROWS, TransitionMaker
-from services.learner.sparse import dense_rows
+from railctl.common.rules.replay import UniformReplay
+from railctl.services.learner.algorithms.drqn import sequences
+from railctl.services.learner.replay.replay import Replay
+from railctl.services.learner.replay.transitions import COLUMNS, ROWS, TransitionMaker
+from railctl.services.learner.sparse import dense_rows
 
 
 def test_sequences_are_what_a_train_saw_up_to_a_transition_and_from_one_decision_on():

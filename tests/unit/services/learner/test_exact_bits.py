@@ -12,7 +12,7 @@ import test_policy_training
 import test_training
 from made_episodes import make_episode
 
-from common.interpreter import PYTHON
+from railctl.common.interpreter import PYTHON
 
 OLD_PROCESSOR = {  # has neither AVX nor a fused multiply-add
     "NUMBA_CPU_NAME": "nehalem",

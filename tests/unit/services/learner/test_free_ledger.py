@@ -6,7 +6,7 @@ from hypothesis.stateful import initialize, invariant, precondition
 from made_episodes import answer_to, lease_of
 from test_ledger import Run, TestRun
 
-from services.learner.free_ledger import FreeLedger
+from railctl.services.learner.free_ledger import FreeLedger
 
 
 def ledger(total=9, bound=3, actors="ab", trained=0):

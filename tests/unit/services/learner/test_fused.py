@@ -10,28 +10,28 @@ from hypothesis import strategies as st
 from made_episodes import some_allowed
 from made_networks import first_of, fused_of
 
-from common.policy.actor_critic import build_actor_critic
-from common.policy.arithmetic import tanh32
-from common.policy.compiled import Twin
-from common.policy.networks import build_network, export_parameters
-from common.policy.packing import Layout
-from common.rules.policies import PpoConfig
-from common.rules.settings import NetworkConfig
-from common.rules.sil import SilConfig
-from common.rules.values import DqnConfig
-from services.learner.algorithms.ppo import Ppo
-from services.learner.algorithms.sil import Sil
-from services.learner.experience import Experience
-from services.learner.fused import perceptron, products
-from services.learner.fused.adam import LEAST, move
-from services.learner.fused.packed import VALUES
-from services.learner.fused.policy import FusedPolicy
-from services.learner.sparse import sparse_rows
-from services.learner.textbook.dqn import Dqn
-from services.learner.textbook.plain_dqn import PlainDqn
-from services.learner.textbook.plain_policy import PlainPolicy
-from services.learner.textbook.policies import PolicyNetwork
-from services.learner.training import Batch
+from railctl.common.policy.actor_critic import build_actor_critic
+from railctl.common.policy.arithmetic import tanh32
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.networks import build_network, export_parameters
+from railctl.common.policy.packing import Layout
+from railctl.common.rules.policies import PpoConfig
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.rules.sil import SilConfig
+from railctl.common.rules.values import DqnConfig
+from railctl.services.learner.algorithms.ppo import Ppo
+from railctl.services.learner.algorithms.sil import Sil
+from railctl.services.learner.experience import Experience
+from railctl.services.learner.fused import perceptron, products
+from railctl.services.learner.fused.adam import LEAST, move
+from railctl.services.learner.fused.packed import VALUES
+from railctl.services.learner.fused.policy import FusedPolicy
+from railctl.services.learner.sparse import sparse_rows
+from railctl.services.learner.textbook.dqn import Dqn
+from railctl.services.learner.textbook.plain_dqn import PlainDqn
+from railctl.services.learner.textbook.plain_policy import PlainPolicy
+from railctl.services.learner.textbook.policies import PolicyNetwork
+from railctl.services.learner.training import Batch
 
 KINDS = ["plain", "dueling", "dueling-apart"]
 SHAPES = st.tuples(st.sampled_from([(8,), (16, 33), (5, 17, 9)]), st.integers(1, 20), st.integers(2, 19))

@@ -11,13 +11,13 @@ from made_episodes import some_allowed
 from made_networks import first_of
 from test_fused import assert_each_takes_the_state_of_the_other, assert_gradients_of_first_step, assert_same_weights
 
-from common.policy.recurrent import build_recurrent_network
-from common.rules.drqn import RecurrentDqnConfig
-from common.rules.settings import NetworkConfig
-from services.learner.fused.drqn import FusedDrqn
-from services.learner.textbook.allowing import allowed_only
-from services.learner.textbook.dqn import Dqn
-from services.learner.training import Batch
+from railctl.common.policy.recurrent import build_recurrent_network
+from railctl.common.rules.drqn import RecurrentDqnConfig
+from railctl.common.rules.settings import NetworkConfig
+from railctl.services.learner.fused.drqn import FusedDrqn
+from railctl.services.learner.textbook.allowing import allowed_only
+from railctl.services.learner.textbook.dqn import Dqn
+from railctl.services.learner.training import Batch
 
 F, A = 21, 3
 

@@ -6,15 +6,15 @@ from made_episodes import course_of, decisions_of, edited, make_episode
 from made_networks import first_of
 from test_plain_policy import batches
 
-from common.policy.actor_critic import build_actor_critic
-from common.policy.networks import export_parameters
-from common.rules.imitate import Settings
-from common.rules.settings import NetworkConfig
-from services.learner.algorithms.imitate import METRICS
-from services.learner.fused.policy import FusedPolicy
-from services.learner.learning import Learning, build_trainer
-from services.learner.sparse import sparse_rows
-from services.learner.textbook.policies import PolicyNetwork
+from railctl.common.policy.actor_critic import build_actor_critic
+from railctl.common.policy.networks import export_parameters
+from railctl.common.rules.imitate import Settings
+from railctl.common.rules.settings import NetworkConfig
+from railctl.services.learner.algorithms.imitate import METRICS
+from railctl.services.learner.fused.policy import FusedPolicy
+from railctl.services.learner.learning import Learning, build_trainer
+from railctl.services.learner.sparse import sparse_rows
+from railctl.services.learner.textbook.policies import PolicyNetwork
 
 
 def settings(**changes):

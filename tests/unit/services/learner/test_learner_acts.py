@@ -4,11 +4,11 @@ import json
 
 from test_learner_restart import Cluster, config
 
-from common.folder import RunFolder
-from common.levels.supply import LevelSupply
-from common.wire.keys import Alive
-from deploy.resolve import resolve
-from services.learner.inline_actor import NAME, InlineActor
+from railctl.common.folder import RunFolder
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.wire.keys import Alive
+from railctl.deploy.resolve import resolve
+from railctl.services.learner.inline_actor import NAME, InlineActor
 
 EPISODES = 3
 

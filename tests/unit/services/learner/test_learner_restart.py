@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 from made_episodes import answer_to, edited
 
-from common import checkpoint
-from common.board import BoardReader
-from common.bus import Traffic
-from common.config import parse_config
-from common.folder import RunFolder
-from common.inbox import Inbox
-from common.process import Fatal
-from common.rail.normalise import N_FEATURES
-from common.records.acting import LeaseRequest, WeightsRequest
-from common.records.control import Empty, LearnerCommand
-from common.records.rows import EpisodeRow, HistoryRequest, MetricRow
-from common.rows import read_rows
-from common.wire import keys
-from common.wire.keys import Alive
-from services.learner import service
-from services.learner.service import Learner
+from railctl.common import checkpoint
+from railctl.common.board import BoardReader
+from railctl.common.bus import Traffic
+from railctl.common.config import parse_config
+from railctl.common.folder import RunFolder
+from railctl.common.inbox import Inbox
+from railctl.common.process import Fatal
+from railctl.common.rail.normalise import N_FEATURES
+from railctl.common.records.acting import LeaseRequest, WeightsRequest
+from railctl.common.records.control import Empty, LearnerCommand
+from railctl.common.records.rows import EpisodeRow, HistoryRequest, MetricRow
+from railctl.common.rows import read_rows
+from railctl.common.wire import keys
+from railctl.common.wire.keys import Alive
+from railctl.services.learner import service
+from railctl.services.learner.service import Learner
 
 
 class Question:

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from made_episodes import answer_to, lease_of
 
-from common.records.acting import Progressed
-from services.learner.ledger import Ledger
+from railctl.common.records.acting import Progressed
+from railctl.services.learner.ledger import Ledger
 
 LEVELS = ("easy", "medium", "hard", "rush")
 NAMES = {level[0]: level for level in LEVELS}

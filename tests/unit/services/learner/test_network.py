@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import nn
 
-from common.policy.networks import build_network, linear_layer
-from common.rules.settings import NetworkConfig
-from services.learner.sparse import sparse_rows
-from services.learner.textbook.adam import Adam
-from services.learner.textbook.parameters import LINE, Parameters
+from railctl.common.policy.networks import build_network, linear_layer
+from railctl.common.rules.settings import NetworkConfig
+from railctl.services.learner.sparse import sparse_rows
+from railctl.services.learner.textbook.adam import Adam
+from railctl.services.learner.textbook.parameters import LINE, Parameters
 
 F, A = 21, 3
 

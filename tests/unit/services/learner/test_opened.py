@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_episodes import STEPS, cut, edited, make_episode
 
-from services.learner.opened import OpenEpisode
+from railctl.services.learner.opened import OpenEpisode
 
 
 def test_nothing_has_progressed_before_the_first_fragment():

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.learner.replay.philox import draw_below, draw_uniform
+from railctl.services.learner.replay.philox import draw_below, draw_uniform
 
 KEYS = st.integers(0, 2**64 - 1)
 LIMITS = st.integers(1, 2**32 - 1) | st.sampled_from([1, 2, 50_000, 2**31 + 1, 2**32 - 2, 2**32 - 1])

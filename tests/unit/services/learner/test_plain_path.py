@@ -7,25 +7,25 @@ from made_episodes import some_allowed
 from made_networks import first_of, fused_of
 from torch import nn
 
-from common.policy.actor_critic import build_actor_critic
-from common.policy.networks import build_network
-from common.policy.recurrent import build_recurrent_network
-from common.rules.policies import PpoConfig
-from common.rules.settings import NetworkConfig
-from common.rules.sil import SilConfig
-from common.rules.values import DqnConfig
-from services.learner.algorithms.ppo import Ppo
-from services.learner.algorithms.sil import Sil
-from services.learner.experience import Experience
-from services.learner.fused.drqn import FusedDrqn
-from services.learner.fused.policy import FusedPolicy
-from services.learner.sparse import dense_rows, sparse_rows
-from services.learner.textbook.allowing import allowed_only
-from services.learner.textbook.dqn import Dqn, TensorBatch
-from services.learner.textbook.modules import ModuleValues
-from services.learner.textbook.policies import PolicyNetwork
-from services.learner.textbook.shapes import check_shapes
-from services.learner.training import Batch
+from railctl.common.policy.actor_critic import build_actor_critic
+from railctl.common.policy.networks import build_network
+from railctl.common.policy.recurrent import build_recurrent_network
+from railctl.common.rules.policies import PpoConfig
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.rules.sil import SilConfig
+from railctl.common.rules.values import DqnConfig
+from railctl.services.learner.algorithms.ppo import Ppo
+from railctl.services.learner.algorithms.sil import Sil
+from railctl.services.learner.experience import Experience
+from railctl.services.learner.fused.drqn import FusedDrqn
+from railctl.services.learner.fused.policy import FusedPolicy
+from railctl.services.learner.sparse import dense_rows, sparse_rows
+from railctl.services.learner.textbook.allowing import allowed_only
+from railctl.services.learner.textbook.dqn import Dqn, TensorBatch
+from railctl.services.learner.textbook.modules import ModuleValues
+from railctl.services.learner.textbook.policies import PolicyNetwork
+from railctl.services.learner.textbook.shapes import check_shapes
+from railctl.services.learner.training import Batch
 
 FEATURES, ACTIONS, SIZE = 6, 3, 40
 

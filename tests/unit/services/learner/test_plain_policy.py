@@ -6,20 +6,20 @@ import torch
 from made_episodes import some_allowed
 from made_networks import first_of
 
-from common.policy.actor_critic import build_actor_critic
-from common.policy.compiled import Twin
-from common.policy.networks import export_parameters
-from common.policy.packing import Layout
-from common.rules.policies import PpoConfig
-from common.rules.settings import NetworkConfig
-from common.rules.sil import SilConfig
-from services.learner.algorithms.ppo import Ppo
-from services.learner.algorithms.sil import Sil
-from services.learner.experience import Experience
-from services.learner.fused.policy import FusedPolicy
-from services.learner.sparse import sparse_rows
-from services.learner.textbook.plain_policy import PlainPolicy
-from services.learner.textbook.policies import PolicyNetwork
+from railctl.common.policy.actor_critic import build_actor_critic
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.networks import export_parameters
+from railctl.common.policy.packing import Layout
+from railctl.common.rules.policies import PpoConfig
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.rules.sil import SilConfig
+from railctl.services.learner.algorithms.ppo import Ppo
+from railctl.services.learner.algorithms.sil import Sil
+from railctl.services.learner.experience import Experience
+from railctl.services.learner.fused.policy import FusedPolicy
+from railctl.services.learner.sparse import sparse_rows
+from railctl.services.learner.textbook.plain_policy import PlainPolicy
+from railctl.services.learner.textbook.policies import PolicyNetwork
 
 PPO = PpoConfig(learning_rate=0.003, epochs=1, entropy_weight=0.1, max_gradient_norm=0.1)
 SIL = SilConfig(epochs=1, batch_size=40, value_weight=0.5)

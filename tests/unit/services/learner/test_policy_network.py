@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from common.policy.actor_critic import build_actor_critic
-from common.policy.networks import export_parameters
-from common.rules.settings import NetworkConfig
-from services.learner.sparse import sparse_rows
-from services.learner.textbook.policies import PolicyNetwork
+from railctl.common.policy.actor_critic import build_actor_critic
+from railctl.common.policy.networks import export_parameters
+from railctl.common.rules.settings import NetworkConfig
+from railctl.services.learner.sparse import sparse_rows
+from railctl.services.learner.textbook.policies import PolicyNetwork
 
 FEATURES, ACTIONS = 6, 3
 

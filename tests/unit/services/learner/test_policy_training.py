@@ -5,10 +5,10 @@ import pytest
 from made_episodes import at_offset, edited, make_episode
 from test_training import weights_hash
 
-from common.rules import settings_of
-from services.learner.learning import Learning, build_trainer
-from services.learner.returns import standardised
-from services.learner.sparse import sparse_rows
+from railctl.common.rules import settings_of
+from railctl.services.learner.learning import Learning, build_trainer
+from railctl.services.learner.returns import standardised
+from railctl.services.learner.sparse import sparse_rows
 
 RULES = ("ppo", "ppor", "sil")
 

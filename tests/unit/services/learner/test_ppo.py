@@ -7,17 +7,17 @@ import pytest
 import torch
 from made_networks import first_of
 
-from common.policy.actor_critic import build_actor_critic
-from common.policy.networks import import_parameters
-from common.rules.policies import PpoConfig
-from common.rules.ppo import Settings
-from common.rules.settings import NetworkConfig
-from services.learner.algorithms.ppo import Ppo
-from services.learner.experience import Experience
-from services.learner.fused.policy import FusedPolicy
-from services.learner.sparse import sparse_rows
-from services.learner.textbook.policies import PolicyNetwork
-from services.learner.textbook.ppo import (
+from railctl.common.policy.actor_critic import build_actor_critic
+from railctl.common.policy.networks import import_parameters
+from railctl.common.rules.policies import PpoConfig
+from railctl.common.rules.ppo import Settings
+from railctl.common.rules.settings import NetworkConfig
+from railctl.services.learner.algorithms.ppo import Ppo
+from railctl.services.learner.experience import Experience
+from railctl.services.learner.fused.policy import FusedPolicy
+from railctl.services.learner.sparse import sparse_rows
+from railctl.services.learner.textbook.policies import PolicyNetwork
+from railctl.services.learner.textbook.ppo import (
     clipped_surrogate,
     clipped_value_loss,
     divergence,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.learner.replay.priorities import ADDED_TO_PRIORITY, Priorities, find, update, weigh
+from railctl.services.learner.replay.priorities import ADDED_TO_PRIORITY, Priorities, find, update, weigh
 
 ODD_SIZES = (0.0, 5e-324, 1e-300, 1e-6, 1.0, 1e150)
 

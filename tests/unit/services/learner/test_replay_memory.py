@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.rules.replay import PrioritizedReplay, UniformReplay
-from services.learner.replay.replay import Items, Replay
-from services.learner.sparse import dense_rows
+from railctl.common.rules.replay import PrioritizedReplay, UniformReplay
+from railctl.services.learner.replay.replay import Items, Replay
+from railctl.services.learner.sparse import dense_rows
 
 F = 3
 COLUMNS = {"action": np.int8, "reward": np.float32, "back": np.int32}

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_episodes import course_of, decisions_of
 
-from services.learner.returns import decision_returns
+from railctl.services.learner.returns import decision_returns
 
 
 def returns(rewards, arrived_at, final_values, discount=0.5):

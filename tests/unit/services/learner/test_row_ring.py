@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.learner.replay.rows import RowRing
+from railctl.services.learner.replay.rows import RowRing
 
 BITS = (0, 1, 0x80000000, 0x7FC00001, 0xFF800000, 0xBF000000)  # 0, the least above it, -0, a NaN, -inf, -0.5
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from common.config import parse_config
-from common.seeding import training_level_seed
-from services.learner.schedule import Schedule
+from railctl.common.config import parse_config
+from railctl.common.seeding import training_level_seed
+from railctl.services.learner.schedule import Schedule
 
 
 def config(mix, seed=1, episodes=12, actors=None):
@@ -70,6 +70,6 @@ def test_shares_are_kept(mix):
 
 
 def test_shares_that_do_not_quite_add_up_to_one_still_name_a_difficulty(monkeypatch):
-    monkeypatch.setattr("common.seeding.uniform", lambda _key, _counter: 1 - 2**-53)
+    monkeypatch.setattr("railctl.common.seeding.uniform", lambda _key, _counter: 1 - 2**-53)
     mix = {"easy": 0.1, "hard": 0.7, "medium": 0.2 - 1e-12}
     assert set(levels_of(config(mix))) == {"medium"}

@@ -7,14 +7,14 @@ import pytest
 import torch
 from test_ppo import SETTINGS, batch_of, make_network
 
-from common.rules.policies import PpoConfig
-from common.rules.replay import PrioritizedReplay
-from common.rules.sil import SilConfig
-from services.learner.algorithms.ppo import WholeEpisodes
-from services.learner.algorithms.sil import SelfImitation, Sil
-from services.learner.experience import ExperienceReplay
-from services.learner.sparse import sparse_rows
-from services.learner.textbook.sil import imitation_policy_loss, imitation_value_loss
+from railctl.common.rules.policies import PpoConfig
+from railctl.common.rules.replay import PrioritizedReplay
+from railctl.common.rules.sil import SilConfig
+from railctl.services.learner.algorithms.ppo import WholeEpisodes
+from railctl.services.learner.algorithms.sil import SelfImitation, Sil
+from railctl.services.learner.experience import ExperienceReplay
+from railctl.services.learner.sparse import sparse_rows
+from railctl.services.learner.textbook.sil import imitation_policy_loss, imitation_value_loss
 
 
 def test_imitation_policy_loss_by_hand():

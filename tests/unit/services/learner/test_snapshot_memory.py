@@ -5,13 +5,13 @@ import pytest
 from made_episodes import cut, edited, make_episode
 from msgpack._cmsgpack import Packer, unpackb
 
-from common.wire.arrays import pack_array, unpack_array
-from common.wire.codec import encode
-from services.learner.compile import learning
-from services.learner.learning import build_trainer
-from services.learner.memory import Memory, take_memory
-from services.learner.opened import OpenEpisode
-from services.learner.selfcheck import made_up_episode
+from railctl.common.wire.arrays import pack_array, unpack_array
+from railctl.common.wire.codec import encode
+from railctl.services.learner.compile import learning
+from railctl.services.learner.learning import build_trainer
+from railctl.services.learner.memory import Memory, take_memory
+from railctl.services.learner.opened import OpenEpisode
+from railctl.services.learner.selfcheck import made_up_episode
 
 NOTED = {"loss": [0.1, 0.25], "updates": [1.0]}
 

@@ -7,10 +7,10 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tensorboard.summary.writer import event_file_writer
 
-from common.bus import Traffic
-from common.folder import RunFolder
-from common.process import Fatal
-from services.learner.telemetry import Telemetry
+from railctl.common.bus import Traffic
+from railctl.common.folder import RunFolder
+from railctl.common.process import Fatal
+from railctl.services.learner.telemetry import Telemetry
 
 
 def tell(telemetry, fragment):

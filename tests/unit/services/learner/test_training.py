@@ -17,8 +17,8 @@ from made_episodes import (
     with_following,
 )
 
-from common.rules import settings_of
-from services.learner.learning import Learning, build_trainer
+from railctl.common.rules import settings_of
+from railctl.services.learner.learning import Learning, build_trainer
 
 VARIANTS = {
     "dqn": {"target_tau": None, "kind": "plain"},

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_episodes import STEPS, cut, decided, edited, make_episode, with_following
 
-from services.learner.replay.transitions import TransitionMaker, check_order
+from railctl.services.learner.replay.transitions import TransitionMaker, check_order
 
 
 def make(decisions, rewards, arrived_at, final, discount, **changes):

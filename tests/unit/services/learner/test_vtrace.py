@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from made_episodes import course_of, decisions_of, make_episode
 
-from services.learner.returns import decision_returns
-from services.learner.vtrace import clipped_ratios, vtrace_targets
+from railctl.services.learner.returns import decision_returns
+from railctl.services.learner.vtrace import clipped_ratios, vtrace_targets
 
 
 def targets(rewards, arrived_at, decided, values, ratios, final=(0.0,), discount=0.5):

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from made_networks import first_of, fused_of
 
-from common.policy.actor_critic import build_actor_critic
-from common.policy.compiled import Twin
-from common.policy.networks import build_network
-from common.policy.packing import Layout
-from common.policy.recurrent import build_recurrent_network
-from common.rules.settings import NetworkConfig
-from common.rules.values import DqnConfig
-from services.learner.fused.drqn import FusedDrqn
-from services.learner.fused.packed import VALUES
-from services.learner.fused.policy import FusedPolicy
+from railctl.common.policy.actor_critic import build_actor_critic
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.networks import build_network
+from railctl.common.policy.packing import Layout
+from railctl.common.policy.recurrent import build_recurrent_network
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.rules.values import DqnConfig
+from railctl.services.learner.fused.drqn import FusedDrqn
+from railctl.services.learner.fused.packed import VALUES
+from railctl.services.learner.fused.policy import FusedPolicy
 
 F, A = 7, 5
 DQN = DqnConfig(learning_rate=1e-3, batch_size=8, learn_every_steps=5)

@@ -6,7 +6,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from common.interpreter import PYTHON
+from railctl.common.interpreter import PYTHON
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[3]
@@ -17,11 +17,11 @@ LEARNED = """
 import pytest
 import torch
 from made_episodes import make_episode
-from common.rules.munchausen import MunchausenConfig
-from common.strict import ConfigError
-from deploy.resolve import resolve
-from services.learner.algorithms.munchausen import munchausen_target
-from services.learner.learning import build_trainer, learning_of
+from railctl.common.rules.munchausen import MunchausenConfig
+from railctl.common.strict import ConfigError
+from railctl.deploy.resolve import resolve
+from railctl.services.learner.algorithms.munchausen import munchausen_target
+from railctl.services.learner.learning import build_trainer, learning_of
 
 config = MunchausenConfig(temperature=1.0, share=0.4, least=-10.0)
 values = torch.tensor([[0.0, 0.0]])

@@ -4,7 +4,7 @@ import argparse
 
 import pytest
 
-from tools.bench.cluster import KINDS, kinds_of, lag_of, number_of
+from railctl.tools.bench.cluster import KINDS, kinds_of, lag_of, number_of
 
 
 @pytest.mark.parametrize(

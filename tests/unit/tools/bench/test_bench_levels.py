@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from common.levels.distributions import shipped
-from common.levels.legacy import generate
-from common.rail.compiled.world import CompiledWorld
-from tools.bench.levels import check_rails, comparison, comparisons
-from tools.bench.measuring import DisagreementError, measure
+from railctl.common.levels.distributions import shipped
+from railctl.common.levels.legacy import generate
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.tools.bench.levels import check_rails, comparison, comparisons
+from railctl.tools.bench.measuring import DisagreementError, measure
 
 LEVEL = generate(shipped()["easy"], 1)
 

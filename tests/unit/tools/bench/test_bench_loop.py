@@ -5,22 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from common.levels.level import Level
-from common.levels.shipped import generate
-from common.policy.compiled import Twin
-from common.policy.networks import export_parameters
-from common.policy.player import Acting, network_layout, play
-from common.rail.normalise import N_FEATURES
-from common.records.acting import Circumstances, Fragment, Lease
-from common.records.course import Course
-from deploy.resolve import resolve
-from services.learner.replay.transitions import TransitionMaker
-from tools.bench import plain_training
-from tools.bench.conditions import study_rollouts
-from tools.bench.loop import Training, samples
-from tools.bench.measuring import DisagreementError
-from tools.bench.plain_training import PlainTraining, Trained
-from tools.bench.policy import NETWORK, pathfinder
+from railctl.common.levels.level import Level
+from railctl.common.levels.shipped import generate
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.networks import export_parameters
+from railctl.common.policy.player import Acting, network_layout, play
+from railctl.common.rail.normalise import N_FEATURES
+from railctl.common.records.acting import Circumstances, Fragment, Lease
+from railctl.common.records.course import Course
+from railctl.deploy.resolve import resolve
+from railctl.services.learner.replay.transitions import TransitionMaker
+from railctl.tools.bench import plain_training
+from railctl.tools.bench.conditions import study_rollouts
+from railctl.tools.bench.loop import Training, samples
+from railctl.tools.bench.measuring import DisagreementError
+from railctl.tools.bench.plain_training import PlainTraining, Trained
+from railctl.tools.bench.policy import NETWORK, pathfinder
 
 EVERY = 30
 

@@ -5,18 +5,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from common.levels.distributions import shipped
-from common.levels.legacy import generate
-from common.levels.level import Level
-from common.policy.compiled import Twin
-from common.policy.networks import export_parameters
-from common.policy.player import Acting, network_layout, play
-from common.rail.interlocking.signals import Interlocking
-from common.records.course import Course
-from tools.bench import policy
-from tools.bench.conditions import study_rollouts
-from tools.bench.measuring import DisagreementError, measure
-from tools.bench.policy import NETWORK, OBSERVATIONS, TheirPlayer, comparison, comparisons, pathfinder, script_of
+from railctl.common.levels.distributions import shipped
+from railctl.common.levels.legacy import generate
+from railctl.common.levels.level import Level
+from railctl.common.policy.compiled import Twin
+from railctl.common.policy.networks import export_parameters
+from railctl.common.policy.player import Acting, network_layout, play
+from railctl.common.rail.interlocking.signals import Interlocking
+from railctl.common.records.course import Course
+from railctl.tools.bench import policy
+from railctl.tools.bench.conditions import study_rollouts
+from railctl.tools.bench.measuring import DisagreementError, measure
+from railctl.tools.bench.policy import (
+    NETWORK,
+    OBSERVATIONS,
+    TheirPlayer,
+    comparison,
+    comparisons,
+    pathfinder,
+    script_of,
+)
 
 EDGE = 30  # steps: enough for a start, and for a limit that is soon reached
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from tools.bench import replay
-from tools.bench.measuring import DisagreementError, measure
-from tools.bench.replay import RIVALS, Ours, adding, drawing, fill, memory, plain, real_transitions
+from railctl.tools.bench import replay
+from railctl.tools.bench.measuring import DisagreementError, measure
+from railctl.tools.bench.replay import RIVALS, Ours, adding, drawing, fill, memory, plain, real_transitions
 
 CAPACITY = 400
 

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from services.learner.learning import build_trainer
-from tools.bench import learner_episodes
-from tools.bench.learner import CASES, Seen, comparison
-from tools.bench.learner_episodes import SIZES, episode_comparison
-from tools.bench.measuring import DisagreementError
+from railctl.services.learner.learning import build_trainer
+from railctl.tools.bench import learner_episodes
+from railctl.tools.bench.learner import CASES, Seen, comparison
+from railctl.tools.bench.learner_episodes import SIZES, episode_comparison
+from railctl.tools.bench.measuring import DisagreementError
 
 
 @pytest.fixture(scope="module")

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from common.levels.shipped import generate
-from common.rail.compiled.world import CompiledWorld
-from tools.bench.measuring import DisagreementError, measure
-from tools.bench.world import comparison, comparisons
+from railctl.common.levels.shipped import generate
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.tools.bench.measuring import DisagreementError, measure
+from railctl.tools.bench.world import comparison, comparisons
 
 
 @pytest.mark.parametrize("disturbed", [False, True])

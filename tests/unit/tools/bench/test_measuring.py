@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from tools.bench import measuring
-from tools.bench.measuring import Comparison, DisagreementError, Row, Sample, measure, show, timed
+from railctl.tools.bench import measuring
+from railctl.tools.bench.measuring import Comparison, DisagreementError, Row, Sample, measure, show, timed
 
 
 def comparison(name, *numbers):

@@ -3,8 +3,8 @@
 import os
 import subprocess
 
-from common.interpreter import PYTHON
-from tools.bench.processes import Watch
+from railctl.common.interpreter import PYTHON
+from railctl.tools.bench.processes import Watch
 
 BUSY = """
 import time

@@ -2,9 +2,9 @@
 
 import pytest
 
-from deploy.resolve import resolve
-from services.learner.learning import build_trainer, learning_of
-from tools.bench import rates
+from railctl.deploy.resolve import resolve
+from railctl.services.learner.learning import build_trainer, learning_of
+from railctl.tools.bench import rates
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from common.levels.shipped import generate
-from tools.levels.draw import draw
+from railctl.common.levels.shipped import generate
+from railctl.tools.levels.draw import draw
 
 
 def size(path: Path) -> tuple[int, int]:

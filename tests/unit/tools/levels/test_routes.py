@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from common.levels.distributions import shipped
-from common.levels.level import Level
-from common.levels.shipped import generate
-from common.rail.flatland_world import FlatlandWorld
-from tools.levels.routes import numbers, shortest_route
+from railctl.common.levels.distributions import shipped
+from railctl.common.levels.level import Level
+from railctl.common.levels.shipped import generate
+from railctl.common.rail.flatland_world import FlatlandWorld
+from railctl.tools.levels.routes import numbers, shortest_route
 
 EAST_WEST, DEAD_END_EAST, DEAD_END_WEST = 1025, 4, 256  # dead ends by where they are open
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.levels.files import LevelFileError
-from tools.recordings.findings import FIELDS, Mismatch
-from tools.recordings.replay import replay_file
+from railctl.common.levels.files import LevelFileError
+from railctl.tools.recordings.findings import FIELDS, Mismatch
+from railctl.tools.recordings.replay import replay_file
 
 SMALL = Path(__file__).parents[3] / "parity" / "data" / "flatland222_episodes_small.npz"
 NAME = "easy_02"

@@ -16,11 +16,11 @@ from flatland.envs.rail_generators import SparseRailGen
 from flatland.utils.seeding import np_random as flatland_rng
 from numpy.random import RandomState
 
-from common.levels.compiled.lines import lay_line
-from common.levels.distributions import LegacyLevels, StockLevels
-from common.levels.level import Level, Schedule
-from common.levels.room import Room, room_of
-from tools.levels.library import forget_rails, library_environment
+from railctl.common.levels.compiled.lines import lay_line
+from railctl.common.levels.distributions import LegacyLevels, StockLevels
+from railctl.common.levels.level import Level, Schedule
+from railctl.common.levels.room import Room, room_of
+from railctl.tools.levels.library import forget_rails, library_environment
 
 CITY_TRIES, ROUTE_TRIES = 201, 100
 

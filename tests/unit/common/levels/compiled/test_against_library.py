@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from from_library import legacy_level, stock_level
 
-from common.levels import legacy, stock
-from common.levels.compiled.rails import TracksLeaveGridError
-from common.levels.compiled.twister import seeded
-from common.levels.distributions import LegacyLevels, StockLevels, shipped
-from common.levels.level import InfeasibleLevelError, Level
+from railctl.common.levels import legacy, stock
+from railctl.common.levels.compiled.rails import TracksLeaveGridError
+from railctl.common.levels.compiled.twister import seeded
+from railctl.common.levels.distributions import LegacyLevels, StockLevels, shipped
+from railctl.common.levels.level import InfeasibleLevelError, Level
 
 SPEEDS = {0.5: 0.3, 1.0: 0.5, 0.33: 0.2}
 ODD_SPEEDS = {0.9: 0.2, 0.7: 0.3, 0.25: 0.1, 1.0: 0.4}

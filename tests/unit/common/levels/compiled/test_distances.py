@@ -3,9 +3,9 @@
 import numpy as np
 from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
 
-from common.levels.compiled.distances import NO_WAY, measure
-from common.levels.shipped import generate
-from tools.levels.library import forget_rails
+from railctl.common.levels.compiled.distances import NO_WAY, measure
+from railctl.common.levels.shipped import generate
+from railctl.tools.levels.library import forget_rails
 
 
 def test_ways_are_those_that_the_library_finds():

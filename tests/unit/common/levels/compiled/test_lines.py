@@ -7,9 +7,9 @@ from flatland.core.grid.grid_utils import Vec2dOperations
 from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
 from from_library import find_legacy_line
 
-from common.levels.compiled.lines import LINE, SEARCH_ROWS, find_line, lay_line
-from common.levels.compiled.repairs import NO_SIDE
-from tools.levels.library import forget_rails
+from railctl.common.levels.compiled.lines import LINE, SEARCH_ROWS, find_line, lay_line
+from railctl.common.levels.compiled.repairs import NO_SIDE
+from railctl.tools.levels.library import forget_rails
 
 EAST_WEST = 1025
 SOUTH_TO_EAST, WEST_TO_NORTH, EAST_TO_NORTH, SOUTH_TO_WEST = 1 << 6, 1 << 3, 1 << 11, 1 << 4  # heading, exit

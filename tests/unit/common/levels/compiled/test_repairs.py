@@ -7,9 +7,9 @@ from flatland.envs.rail_generators import SparseRailGen
 from flatland.envs.rail_grid_transition_map import RailGridTransitionMap
 from numpy.random import RandomState
 
-from common.levels.compiled.repairs import PIECES, is_broken, repair
-from common.levels.compiled.twister import plainly_seeded
-from tools.levels.library import forget_rails
+from railctl.common.levels.compiled.repairs import PIECES, is_broken, repair
+from railctl.common.levels.compiled.twister import plainly_seeded
+from railctl.tools.levels.library import forget_rails
 
 SIDE = 8
 

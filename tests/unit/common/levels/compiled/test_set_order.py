@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from common.levels.compiled.set_order import city_cells_as_set, hash_of
+from railctl.common.levels.compiled.set_order import city_cells_as_set, hash_of
 
 WIDTH = 200
 PLACES = st.tuples(st.integers(min_value=13, max_value=186), st.integers(min_value=13, max_value=186))

@@ -7,7 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.random import RandomState
 
-from common.levels.compiled.twister import (
+from railctl.common.levels.compiled.twister import (
     draw_below,
     draw_pair,
     draw_uniform,

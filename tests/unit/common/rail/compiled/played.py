@@ -5,16 +5,16 @@ import hashlib
 import made_rails
 import numpy as np
 
-from common.levels.distributions import Bounds
-from common.levels.level import Level, Malfunctions
-from common.rail.compiled.world import CompiledWorld
-from common.rail.observations.global_map import GlobalObservation
-from common.rail.observations.local_map import LocalObservation
-from common.rail.observations.traffic import TrafficObservation
-from common.rail.observations.tree import TreeObservation
-from common.rail.rewards.delay import DelayReward
-from common.rail.rewards.shaped import ShapedReward
-from common.rail.rewards.study import StudyReward
+from railctl.common.levels.distributions import Bounds
+from railctl.common.levels.level import Level, Malfunctions
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.observations.global_map import GlobalObservation
+from railctl.common.rail.observations.local_map import LocalObservation
+from railctl.common.rail.observations.traffic import TrafficObservation
+from railctl.common.rail.observations.tree import TreeObservation
+from railctl.common.rail.rewards.delay import DelayReward
+from railctl.common.rail.rewards.shaped import ShapedReward
+from railctl.common.rail.rewards.study import StudyReward
 
 ALONG, ACROSS, CROSSING = 0x0401, 0x8020, 0x8421
 SWITCH, CURVE = 0x0C11, 0x4008

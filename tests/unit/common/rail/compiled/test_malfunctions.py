@@ -11,9 +11,9 @@ from flatland.envs.malfunction_generators import MalfunctionParameters, ParamMal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.levels.level import Malfunctions
-from common.rail.compiled import malfunctions
-from common.rail.compiled.malfunctions import (
+from railctl.common.levels.level import Malfunctions
+from railctl.common.rail.compiled import malfunctions
+from railctl.common.rail.compiled.malfunctions import (
     DRAWS,
     KEY_WORDS,
     SHIFT_WORDS,
@@ -24,7 +24,7 @@ from common.rail.compiled.malfunctions import (
     twisted,
     words_of,
 )
-from common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.compiled.world import CompiledWorld
 
 DEGREE = 19937  # of the generator's characteristic polynomial
 

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.levels.level import Level
-from common.rail.compiled.arrays import (
+from railctl.common.levels.level import Level
+from railctl.common.rail.compiled.arrays import (
     AHEAD_SHIFT,
     DEAD_END,
     DECIDES,
@@ -15,8 +15,8 @@ from common.rail.compiled.arrays import (
     UNUSABLE,
     WAYS,
 )
-from common.rail.compiled.paths import code_of, count_bits, ways_out
-from common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.compiled.paths import code_of, count_bits, ways_out
+from railctl.common.rail.compiled.world import CompiledWorld
 
 STEPS = [(-1, 0), (0, 1), (1, 0), (0, -1)]
 WORLD = CompiledWorld(1, 1, rules="stock")

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import played
 
-from common.interpreter import PYTHON
-from common.rail.compiled.arrays import NOTHING, SINGLE, WAYS
-from common.rail.compiled.malfunctions import next_word
-from common.rail.compiled.paths import count_bits, number_cells, ways_out
-from common.rail.compiled.step import leave
-from common.rail.compiled.world import CompiledWorld
-from common.rail.world import N_ACTIONS
+from railctl.common.interpreter import PYTHON
+from railctl.common.rail.compiled.arrays import NOTHING, SINGLE, WAYS
+from railctl.common.rail.compiled.malfunctions import next_word
+from railctl.common.rail.compiled.paths import count_bits, number_cells, ways_out
+from railctl.common.rail.compiled.step import leave
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.world import N_ACTIONS
 
 HERE = Path(__file__).parent
 

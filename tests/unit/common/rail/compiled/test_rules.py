@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from made_rails import EAST, SOUTH, WEST, line, ring, scheduled
 
-from common.levels.level import Level, Malfunctions
-from common.rail.compiled.arrays import BROKEN, DONE, MOVING, READY, STOPPED, WAITING
-from common.rail.compiled.world import CompiledWorld
-from common.rail.world import DO_NOTHING, MOVE_FORWARD, STOP_MOVING
+from railctl.common.levels.level import Level, Malfunctions
+from railctl.common.rail.compiled.arrays import BROKEN, DONE, MOVING, READY, STOPPED, WAITING
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.world import DO_NOTHING, MOVE_FORWARD, STOP_MOVING
 
 
 def world_of(level: Level, rules: str = "stock", malfunction_seed: int = 0) -> CompiledWorld:

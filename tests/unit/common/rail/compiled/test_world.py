@@ -14,17 +14,17 @@ from made_rails import (
     scheduled,
 )
 
-from common.levels.distributions import Bounds
-from common.levels.level import Level, Malfunctions
-from common.levels.shipped import generate
-from common.rail.compiled.arrays import DONE, NOWHERE
-from common.rail.compiled.looking import look_at_all
-from common.rail.compiled.tree import LEGACY, REPAIRED, STOCK, nodes_of
-from common.rail.compiled.world import CompiledWorld
-from common.rail.normalise import normalise
-from common.rail.observations.global_map import GlobalObservation
-from common.rail.observations.tree import TreeObservation
-from common.rail.world import MOVE_FORWARD, STOP_MOVING
+from railctl.common.levels.distributions import Bounds
+from railctl.common.levels.level import Level, Malfunctions
+from railctl.common.levels.shipped import generate
+from railctl.common.rail.compiled.arrays import DONE, NOWHERE
+from railctl.common.rail.compiled.looking import look_at_all
+from railctl.common.rail.compiled.tree import LEGACY, REPAIRED, STOCK, nodes_of
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.normalise import normalise
+from railctl.common.rail.observations.global_map import GlobalObservation
+from railctl.common.rail.observations.tree import TreeObservation
+from railctl.common.rail.world import MOVE_FORWARD, STOP_MOVING
 
 MODES = {"stock": STOCK, "legacy": LEGACY, "repaired": REPAIRED}
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from common.rail.compiled.arrays import NOWHERE, SINGLE, UNREACHED, Batch
+from railctl.common.rail.compiled.arrays import NOWHERE, SINGLE, UNREACHED, Batch
 
 Places = tuple[int, ...]  # a configuration a train, NOWHERE once it is home
 

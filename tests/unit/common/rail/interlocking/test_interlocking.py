@@ -9,17 +9,17 @@ from hypothesis import strategies as st
 from made_rails import EAST, WEST, fork, line, scheduled
 from plain_search import everybody_gets_home
 
-from common.levels.distributions import LegacyLevels, MalfunctionSettings, StockLevels
-from common.levels.level import Level
-from common.levels.supply import LevelSupply
-from common.rail.asking import unasked
-from common.rail.compiled.arrays import NOTHING, NOWHERE
-from common.rail.compiled.decisions import DECISIONS
-from common.rail.compiled.world import CompiledWorld
-from common.rail.interlocking.asking import FORWARD, STOP, allowed, begin, grant, next_asked
-from common.rail.interlocking.proof import is_proven, settle
-from common.rail.interlocking.signals import INTERLOCKINGS, PLANNED, Signals
-from common.rail.world import MOVE_FORWARD, MOVE_LEFT, STOP_MOVING
+from railctl.common.levels.distributions import LegacyLevels, MalfunctionSettings, StockLevels
+from railctl.common.levels.level import Level
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.rail.asking import unasked
+from railctl.common.rail.compiled.arrays import NOTHING, NOWHERE
+from railctl.common.rail.compiled.decisions import DECISIONS
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.interlocking.asking import FORWARD, STOP, allowed, begin, grant, next_asked
+from railctl.common.rail.interlocking.proof import is_proven, settle
+from railctl.common.rail.interlocking.signals import INTERLOCKINGS, PLANNED, Signals
+from railctl.common.rail.world import MOVE_FORWARD, MOVE_LEFT, STOP_MOVING
 
 MALFUNCTIONS = MalfunctionSettings(rate=0.05, min_steps=1, max_steps=12)
 LEVELS = {

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from made_rails import EAST, WEST, line, scheduled
 
-from common.levels.distributions import Bounds, shipped
-from common.levels.legacy import generate
-from common.rail.compiled.world import CompiledWorld
-from common.rail.observations.global_map import GlobalObservation
-from common.rail.observations.local_map import LocalObservation
-from common.rail.observations.maps import CHANNELS
-from common.rail.world import MOVE_FORWARD, STOP_MOVING
+from railctl.common.levels.distributions import Bounds, shipped
+from railctl.common.levels.legacy import generate
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.observations.global_map import GlobalObservation
+from railctl.common.rail.observations.local_map import LocalObservation
+from railctl.common.rail.observations.maps import CHANNELS
+from railctl.common.rail.world import MOVE_FORWARD, STOP_MOVING
 
 BOUNDS = Bounds(2, 8, 3)
 LEVEL = line((1, EAST, 5), (3, WEST, 0), (1, EAST, 6), max_steps=30)

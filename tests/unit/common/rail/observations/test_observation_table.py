@@ -3,12 +3,12 @@
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from common.levels.distributions import Bounds
-from common.rail.observations.global_map import GlobalObservation
-from common.rail.observations.local_map import LocalObservation
-from common.rail.observations.table import AnyObservation, header_of
-from common.rail.observations.traffic import TrafficObservation
-from common.rail.observations.tree import TreeObservation
+from railctl.common.levels.distributions import Bounds
+from railctl.common.rail.observations.global_map import GlobalObservation
+from railctl.common.rail.observations.local_map import LocalObservation
+from railctl.common.rail.observations.table import AnyObservation, header_of
+from railctl.common.rail.observations.traffic import TrafficObservation
+from railctl.common.rail.observations.tree import TreeObservation
 
 BOUNDS = Bounds(30, 40, 9)
 

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from made_rails import EAST, WEST, line, passing_loop, scheduled
 
-from common.levels.level import Level
-from common.levels.shipped import generate
-from common.rail.compiled.arrays import NOTHING, NOWHERE, empty_batch
-from common.rail.compiled.conflicts import compare
-from common.rail.compiled.ways import ways_for
-from common.rail.compiled.world import CompiledWorld
-from common.rail.observations.traffic import TrafficObservation
-from common.rail.observations.traffic_shape import N_EXIT, N_EXITS, N_MEETING, N_OTHER, N_TRAIN
-from common.rail.world import MOVE_FORWARD, MOVE_RIGHT, STOP_MOVING
+from railctl.common.levels.level import Level
+from railctl.common.levels.shipped import generate
+from railctl.common.rail.compiled.arrays import NOTHING, NOWHERE, empty_batch
+from railctl.common.rail.compiled.conflicts import compare
+from railctl.common.rail.compiled.ways import ways_for
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.observations.traffic import TrafficObservation
+from railctl.common.rail.observations.traffic_shape import N_EXIT, N_EXITS, N_MEETING, N_OTHER, N_TRAIN
+from railctl.common.rail.world import MOVE_FORWARD, MOVE_RIGHT, STOP_MOVING
 
 LEFT, FORWARD, RIGHT = range(N_EXITS)
 OPPOSITE = (1, EAST, 6), (6, EAST, 0)  # the second comes out of a dead end

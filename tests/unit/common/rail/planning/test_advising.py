@@ -8,14 +8,14 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from made_rails import ALONG, EAST, EAST_END, EAST_TO_NORTH, NORTH_EAST, NORTH_WEST, WEST, WEST_END, line, scheduled
 
-from common.levels.level import Level
-from common.levels.supply import LevelSupply
-from common.rail.compiled.arrays import NOTHING, NOWHERE
-from common.rail.compiled.world import CompiledWorld
-from common.rail.planning.advising import NONE, action_of, advise, by_lot, desk_for, horizon
-from common.rail.planning.plans import by_distance, plan
-from common.rail.planning.search import ANYTHING
-from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
+from railctl.common.levels.level import Level
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.rail.compiled.arrays import NOTHING, NOWHERE
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.planning.advising import NONE, action_of, advise, by_lot, desk_for, horizon
+from railctl.common.rail.planning.plans import by_distance, plan
+from railctl.common.rail.planning.search import ANYTHING
+from railctl.common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
 
 ON, STOP, LEFT, RIGHT = MOVE_FORWARD, STOP_MOVING, MOVE_LEFT, MOVE_RIGHT
 WEST_TO_NORTH = 0x0400 | 0x0001 | 0x0008 | 0x0040

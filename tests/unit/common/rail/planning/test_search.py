@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_rails import EAST, WEST, line, passing_loop
 
-from common.levels.supply import LevelSupply
-from common.rail.compiled.arrays import NOTHING, NOWHERE
-from common.rail.compiled.step import leave
-from common.rail.compiled.world import CompiledWorld
-from common.rail.planning.plans import plan
-from common.rail.planning.search import ANYTHING, FREE, find, room_for
-from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.rail.compiled.arrays import NOTHING, NOWHERE
+from railctl.common.rail.compiled.step import leave
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.planning.plans import plan
+from railctl.common.rail.planning.search import ANYTHING, FREE, find, room_for
+from railctl.common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT
 
 
 def loaded(level):

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from made_rails import EAST, WEST, line, passing_loop, scheduled
 
-from common.rail.compiled.arrays import UNREACHED
-from common.rail.compiled.world import CompiledWorld
-from common.rail.interlocking.signals import ALL_ACTIONS
-from common.rail.planning.advising import NONE
-from common.rail.planning.judging import Teacher
-from common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
+from railctl.common.rail.compiled.arrays import UNREACHED
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS
+from railctl.common.rail.planning.advising import NONE
+from railctl.common.rail.planning.judging import Teacher
+from railctl.common.rail.world import MOVE_FORWARD, MOVE_LEFT, MOVE_RIGHT, STOP_MOVING
 
 ON, STOP, LEFT, RIGHT = MOVE_FORWARD, STOP_MOVING, MOVE_LEFT, MOVE_RIGHT
 BROKEN_STEPS = 8

@@ -6,11 +6,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.levels.distributions import shipped
-from common.levels.legacy import generate
-from common.rail.compiled.arrays import DONE
-from common.rail.compiled.world import CompiledWorld
-from common.rail.rewards.deadlocks import FREE, find_deadlocks, hold
+from railctl.common.levels.distributions import shipped
+from railctl.common.levels.legacy import generate
+from railctl.common.rail.compiled.arrays import DONE
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.rewards.deadlocks import FREE, find_deadlocks, hold
 
 NO_WAY = -1
 MOST = 5

@@ -5,10 +5,10 @@ from math import isnan
 import numpy as np
 from made_rails import EAST, WEST, line, scheduled
 
-from common.levels.level import Level
-from common.rail.compiled.world import CompiledWorld
-from common.rail.rewards.delay import DelayReward
-from common.rail.world import DO_NOTHING, MOVE_FORWARD, STOP_MOVING
+from railctl.common.levels.level import Level
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.rewards.delay import DelayReward
+from railctl.common.rail.world import DO_NOTHING, MOVE_FORWARD, STOP_MOVING
 
 
 def paid(level: Level, *actions: int, rules: str = "stock") -> tuple[list[list[float]], float]:

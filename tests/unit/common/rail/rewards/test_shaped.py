@@ -5,13 +5,13 @@ import pytest
 from made_rails import EAST, WEST, line, ring, scheduled
 from pydantic import TypeAdapter, ValidationError
 
-from common.levels.level import Level
-from common.rail.compiled.world import CompiledWorld
-from common.rail.rewards.delay import DelayReward
-from common.rail.rewards.shaped import ShapedReward
-from common.rail.rewards.study import StudyReward
-from common.rail.rewards.table import AnyReward, weights_of
-from common.rail.world import DO_NOTHING, MOVE_FORWARD, STOP_MOVING
+from railctl.common.levels.level import Level
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.rewards.delay import DelayReward
+from railctl.common.rail.rewards.shaped import ShapedReward
+from railctl.common.rail.rewards.study import StudyReward
+from railctl.common.rail.rewards.table import AnyReward, weights_of
+from railctl.common.rail.world import DO_NOTHING, MOVE_FORWARD, STOP_MOVING
 
 NOTHING = {"step": 0, "all_arrived": 0}
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from common.levels.level import Level
-from common.rail.compiled.world import CompiledWorld
-from common.rail.world import MOVE_FORWARD, STOP_MOVING
-from services.evaluator.references.policies import reference_policy
+from railctl.common.levels.level import Level
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.world import MOVE_FORWARD, STOP_MOVING
+from railctl.services.evaluator.references.policies import reference_policy
 
 EAST, WEST = 1, 3
 ALONG, WEST_END, EAST_END = 0x0401, 0x0004, 0x0100

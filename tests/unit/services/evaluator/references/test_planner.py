@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from common.levels.level import Level
-from common.rail.compiled.arrays import NOTHING, NOWHERE
-from common.rail.compiled.world import CompiledWorld
-from common.rail.planning.plans import plan
-from common.rail.planning.search import ANYTHING, room_for
-from services.evaluator.references.planner import best_ways
-from services.evaluator.references.policies import reference_policy
+from railctl.common.levels.level import Level
+from railctl.common.rail.compiled.arrays import NOTHING, NOWHERE
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.planning.plans import plan
+from railctl.common.rail.planning.search import ANYTHING, room_for
+from railctl.services.evaluator.references.planner import best_ways
+from railctl.services.evaluator.references.policies import reference_policy
 
 EAST, WEST = 1, 3
 ALONG, WEST_END, EAST_END = 0x0401, 0x0004, 0x0100

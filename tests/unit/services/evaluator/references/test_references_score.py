@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from made_rails import scheduled
 
-from common.levels import files
-from common.levels.level import Malfunctions
-from common.levels.supply import LevelSupply
-from common.rail.compiled.world import CompiledWorld
-from common.requests import ORDERS, LevelChoice, ReferenceRequest
-from common.strict import ConfigError
-from services.evaluator.references.__main__ import score
-from services.evaluator.references.policies import INTERLOCKINGS, reference_policy
-from services.evaluator.runner import UnplayableLevelError, evaluate
+from railctl.common.levels import files
+from railctl.common.levels.level import Malfunctions
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.requests import ORDERS, LevelChoice, ReferenceRequest
+from railctl.common.strict import ConfigError
+from railctl.services.evaluator.references.__main__ import score
+from railctl.services.evaluator.references.policies import INTERLOCKINGS, reference_policy
+from railctl.services.evaluator.runner import UnplayableLevelError, evaluate
 
 SUPPLY = LevelSupply()
 OFTEN = Malfunctions(0.05, 2, 6)

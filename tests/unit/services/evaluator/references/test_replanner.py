@@ -3,11 +3,11 @@
 import numpy as np
 from made_rails import EAST, WEST, line, scheduled
 
-from common.levels.level import Malfunctions
-from common.levels.supply import LevelSupply
-from common.rail.compiled.world import CompiledWorld
-from common.rail.world import MOVE_LEFT, MOVE_RIGHT
-from services.evaluator.references.policies import reference_policy
+from railctl.common.levels.level import Malfunctions
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.world import MOVE_LEFT, MOVE_RIGHT
+from railctl.services.evaluator.references.policies import reference_policy
 
 
 def arrivals(level, rules="legacy", **options):

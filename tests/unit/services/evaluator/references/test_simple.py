@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from common.levels.level import Level
-from common.levels.supply import LevelSupply
-from common.policy.checkpoints import load_policy
-from common.policy.player import Acting, play, player
-from common.rail.compiled.world import CompiledWorld
-from common.rail.world import DO_NOTHING, MOVE_LEFT, MOVE_RIGHT
-from common.rail.world import MOVE_FORWARD as FORWARD
-from common.records.acting import digest_of
-from common.rules.settings import NetworkConfig
-from common.seeding import stream_key
-from common.world import study_world
-from services.evaluator.references.policies import INTERLOCKINGS, reference_policy
-from services.evaluator.references.simple import with_one_train
+from railctl.common.levels.level import Level
+from railctl.common.levels.supply import LevelSupply
+from railctl.common.policy.checkpoints import load_policy
+from railctl.common.policy.player import Acting, play, player
+from railctl.common.rail.compiled.world import CompiledWorld
+from railctl.common.rail.world import DO_NOTHING, MOVE_LEFT, MOVE_RIGHT
+from railctl.common.rail.world import MOVE_FORWARD as FORWARD
+from railctl.common.records.acting import digest_of
+from railctl.common.rules.settings import NetworkConfig
+from railctl.common.seeding import stream_key
+from railctl.common.world import study_world
+from railctl.services.evaluator.references.policies import INTERLOCKINGS, reference_policy
+from railctl.services.evaluator.references.simple import with_one_train
 
 EAST, WEST = 1, 3
 ALONG, WEST_END, EAST_END = 0x0401, 0x0004, 0x0100
