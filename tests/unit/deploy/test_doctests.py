@@ -20,6 +20,9 @@ import pytest
         ("railctl.deploy.commands.references", 2),
         ("railctl.deploy.output", 1),
         ("railctl.deploy.judged", 2),
+        ("railctl.deploy.rendering", 2),
+        ("railctl.common.pictures.canvas", 1),
+        ("railctl.common.pictures.glyphs", 1),
     ],
 )
 def test_examples_in_docstrings_are_true(module, examples):

@@ -24,3 +24,14 @@ def test_many_trains_stand_in_columns_beside_the_map(tmp_path: Path):
         few, many = (size(draw(some, tmp_path / f"{some.n_trains}.png", "made")) for some in (level, crowd))
     assert many[1] == few[1]  # the map is as large, and no list hangs below it
     assert many[0] > few[0]
+
+
+def test_a_list_that_is_too_long_is_cut_and_the_picture_stays_a_map(tmp_path: Path):
+    level = generate("easy", 1)
+    crowd, larger = (
+        replace(level, starts=np.tile(level.starts, (times, 1)), targets=np.tile(level.targets, (times, 1)))
+        for times in (100, 400)
+    )
+    width, height = size(draw(crowd, tmp_path / "crowd.png", "made"))
+    assert (width, height) == size(draw(larger, tmp_path / "larger.png", "made"))
+    assert width < 2.2 * height
