@@ -27,7 +27,7 @@ class ProcessSpec:
     serves: str | None = None  # actors: the levels of which name, or any
 
     def command(self, run: Path) -> list[str]:
-        command = run_module(f"services.{self.role}", "--run", str(run))
+        command = run_module(f"railctl.services.{self.role}", "--run", str(run))
         if self.serves is not None:
             command += ["--name", self.name, "--serves", self.serves]
         return command

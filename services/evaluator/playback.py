@@ -1,4 +1,4 @@
-"""python -m railctl.services.evaluator.playback REQUEST: writes down one episode, for looking at (see `common.playback`).
+"""python -m railctl.services.evaluator.playback REQUEST: writes down one episode to look at (see `common.playback`).
 
 It is the episode of the evaluator: same level, same draws, same malfunctions, so the return is that which
 `services.evaluator.score` has for this level. How it answers: see `common.task`.

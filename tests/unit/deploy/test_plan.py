@@ -43,7 +43,7 @@ def test_commands_name_the_service_the_run_and_what_an_actor_is():
 
 def test_every_service_can_be_started_as_a_module():
     for spec in cluster({"easy": 1}):
-        assert importlib.util.find_spec(f"services.{spec.role}.__main__") is not None
+        assert importlib.util.find_spec(f"railctl.services.{spec.role}.__main__") is not None
 
 
 def test_what_processes_log_has_no_colours():
