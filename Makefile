@@ -5,11 +5,11 @@ BIN := $(VENV)/bin
 # One thread a process for numerics, and arithmetic that does not depend on memory alignment.
 TEST_ENVIRONMENT := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 MKL_CBWR=AUTO,STRICT
 
-PACKAGES := adapters analysis common deploy services tools
+PACKAGES := adapters analysis common deploy railctl services tools
 # All that runs and evaluations need, so that no first start takes a minute longer than others.
 COMPILERS := common.policy.compile services.learner.compile services.evaluator.references.compile
 
-.PHONY: install demo check test parity browser sb3 slurm soak chaos fuzz results clean
+.PHONY: install demo check test parity browser notebook sb3 slurm soak chaos fuzz results clean
 
 install: $(VENV)/installed
 
@@ -33,7 +33,7 @@ check: install
 	$(BIN)/lint-imports
 
 test: check
-	$(TEST_ENVIRONMENT) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not slow and not parity and not browser and not sb3 and not slurm'
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not slow and not parity and not browser and not notebook and not sb3 and not slurm'
 
 parity: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m parity tests/parity
@@ -41,6 +41,10 @@ parity: install
 # Needs Chromium (Debian: apt-get install chromium); leaves screenshots in .browser.
 browser: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m browser --basetemp .browser tests/unit/analysis/report
+
+# Executes a copy of the notebook, in a folder of its own, as somebody does who has just made a clone: two minutes or so.
+notebook: install
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -m notebook tests/unit/railctl
 
 # Adds stable-baselines3 and SuperSuit to .venv; trains for a minute or two.
 sb3: install
