@@ -9,7 +9,7 @@ PACKAGES := adapters analysis common deploy railctl services tools
 # All that runs and evaluations need, so that no first start takes a minute longer than others.
 COMPILERS := railctl.common.policy.compile railctl.services.learner.compile railctl.services.evaluator.references.compile
 
-.PHONY: install demo check test docs parity browser sb3 slurm soak chaos fuzz results clean
+.PHONY: install demo check test docs parity browser notebook sb3 slurm soak chaos fuzz results clean
 
 install: $(VENV)/installed
 
@@ -34,7 +34,7 @@ check: install
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 test: check
-	$(TEST_ENVIRONMENT) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not slow and not parity and not browser and not sb3 and not slurm and not documents'
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not slow and not parity and not browser and not notebook and not sb3 and not slurm and not documents'
 
 # Executes every command that README and documents show, which takes a quarter of an hour.
 docs: install
@@ -46,6 +46,10 @@ parity: install
 # Needs Chromium (Debian: apt-get install chromium); leaves screenshots in .browser.
 browser: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m browser --basetemp .browser tests/unit/analysis/report
+
+# Executes a copy of the notebook, in a folder of its own, as somebody does who has just made a clone: two minutes or so.
+notebook: install
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -m notebook tests/unit/railctl
 
 # Adds stable-baselines3 and SuperSuit to .venv; trains for a minute or two.
 sb3: install

@@ -1,8 +1,8 @@
 """Checkpoints in the console commands of flatland-rl 4.3.0: a policy, its observation and the study's rewards.
 
 `flatland-trajectory-generate-from-policy` makes objects of these classes without arguments; the environment variable
-RAILCTL_CHECKPOINT names the checkpoint. It carries its run's world: trains see and decide as they did there, and act
-greedily. The tools run the rules of 4.3.0.
+RAILCTL_CHECKPOINT names the checkpoint. It carries its run's world: trains see and decide as they did there, behind the
+same interlocking, and act greedily. The tools run the rules of 4.3.0.
 
 A policy that has trained on levels with stock rules finds in them what it knows: an episode is the same step by step.
 
@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 from flatland.core.policy import Policy
 from flatland.envs.rail_env import RailEnv
 from flatland.envs.rail_env_action import RailEnvActions
@@ -35,9 +36,8 @@ from railctl.common.config import RunConfig
 from railctl.common.levels.distributions import Rules
 from railctl.common.policy.checkpoints import SavedPolicy, load_policy
 from railctl.common.rail.flatland_env import ACTIONS, LegacyDriver, StudyRewards
-from railctl.common.rail.interlocking.signals import ALL_ACTIONS
 from railctl.common.rail.play import Choose, Decision
-from railctl.common.rail.world import DO_NOTHING, MOVE_FORWARD
+from railctl.common.rail.world import DO_NOTHING
 from railctl.common.world import study_world
 
 __all__ = ["CheckpointObservation", "CheckpointPolicy", "StudyObservation", "StudyRewards", "TrainView"]
@@ -114,7 +114,7 @@ class _Episode:
     ) -> None:
         self._drivers = [LegacyDriver() for _ in views]
         self._choose = choose
-        self._act = self._act_translated if is_legacy else self._act_plainly
+        self._is_legacy = is_legacy
         self._step = -1
 
     def goes_on(self, views: list[TrainView]) -> bool:
@@ -122,22 +122,30 @@ class _Episode:
         return len(views) == len(self._drivers) and all(view.step > self._step for view in views)
 
     def act(self, views: list[TrainView]) -> list[int]:
-        """[N]: the actions."""
-        actions = [self._act(train, view) for train, view in enumerate(views)]
+        """[N]: the actions. Trains are asked one after another, as the world's interlocking wants it."""
+        if self._is_legacy:
+            for driver, view in zip(self._drivers, views, strict=True):
+                if not view.broken:
+                    driver.look(view.place)
+        free = [not self._is_legacy or driver.committed is None for driver in self._drivers]
+        deciding = np.array([view.deciding for view in views]) & free
+        signals = views[0].signals
+        actions = signals.unasked()
+        asking = signals.ask(deciding)
+        for train, allowed in asking:
+            view = views[train]
+            actions[train] = self._choose(view.vector, view.step, train, allowed).action
+            asking.grant(train, actions[train])
+        signals.note(actions, deciding)
         self._step = max(view.step for view in views)
-        return actions
+        return self._translated(views, actions) if self._is_legacy else actions
 
-    def _act_plainly(self, train: int, view: TrainView) -> int:
-        return self._choose(view.vector, view.step, train, ALL_ACTIONS).action if view.deciding else MOVE_FORWARD
-
-    def _act_translated(self, train: int, view: TrainView) -> int:
-        driver = self._drivers[train]
-        if view.broken:
-            return DO_NOTHING
-        driver.look(view.place)
-        decides = view.deciding and driver.committed is None
-        action = self._choose(view.vector, view.step, train, ALL_ACTIONS).action if decides else MOVE_FORWARD
-        return driver.send(view.place, action, view.ways.__getitem__)
+    def _translated(self, views: list[TrainView], actions: list[int]) -> list[int]:
+        """[N]: what says to 4.3.0 what these say to 2.2.2."""
+        return [
+            DO_NOTHING if view.broken else driver.send(view.place, action, view.ways.__getitem__)
+            for driver, view, action in zip(self._drivers, views, actions, strict=True)
+        ]
 
 
 def saved_policy() -> SavedPolicy:
@@ -150,12 +158,9 @@ def saved_policy() -> SavedPolicy:
     if not path:
         raise click.ClickException(f"{VARIABLE} is not set: let it name a file in a run's folder checkpoints")
     try:
-        saved = load_policy(Path(path))
+        return load_policy(Path(path))
     except CheckpointError as error:
         raise click.ClickException(str(error)) from None
-    if (mode := saved.config.world.interlocking) != "off":
-        raise click.ClickException(f"{path} acts behind an interlocking ({mode}), which these commands do not have")
-    return saved
 
 
 def rules_of(config: RunConfig) -> Rules:

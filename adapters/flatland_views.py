@@ -4,7 +4,7 @@ Observations come from the code that `common.rail.flatland_world` takes them fro
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import click
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from railctl.common.levels.distributions import Rules
 from railctl.common.levels.level import Level
+from railctl.common.rail.asking import Asking, Free
 from railctl.common.rail.compiled.world import STUDY_REWARD
 from railctl.common.rail.decisions import decision_cells
 from railctl.common.rail.flatland_env import has_way
@@ -22,7 +23,7 @@ from railctl.common.rail.flatland_sights import FlatlandSight, sight_of
 from railctl.common.rail.flatland_world import decides
 from railctl.common.rail.from_flatland import UnsupportedEnvironmentError, level_of, schedule_of
 from railctl.common.rail.mirror import Mirror
-from railctl.common.rail.world import N_ACTIONS
+from railctl.common.rail.world import MOVE_FORWARD, N_ACTIONS
 from railctl.common.world import WorldSpec
 
 Place = tuple[int, int, int]  # row, column, heading
@@ -39,6 +40,7 @@ class TrainView:
         broken: nothing can be said to it now.
         ways: [5], whether the rails let an action be taken.
         vector: [F], the world's observation; zeros if it is not deciding.
+        signals: what all trains of the environment ask for their actions.
     """
 
     step: int
@@ -47,6 +49,20 @@ class TrainView:
     broken: bool
     ways: tuple[bool, ...]
     vector: NDArray[np.float32]
+    signals: "Signals"
+
+
+class Signals(Protocol):
+    """The interlocking of an environment, or none: then everybody may do anything."""
+
+    def ask(self, deciding: NDArray[np.bool_]) -> Asking:
+        """Begin to ask the trains of which `deciding` [N] holds, one after another."""
+
+    def unasked(self) -> list[int]:
+        """[N]: what trains do that are not asked."""
+
+    def note(self, actions: list[int], deciding: NDArray[np.bool_]) -> None:
+        """What trains do in this step [N], and which of them were asked [N]."""
 
 
 class WorldObservation(ObservationBuilder[RailEnv, TrainView]):
@@ -81,7 +97,7 @@ class WorldObservation(ObservationBuilder[RailEnv, TrainView]):
         env: Any = self.env
         if self._rails is None:
             self._rails = _Rails(env, self.world, self.rules)
-        self._rails.sight.update()
+        self._rails.update()
         return {handle: self._view(env, self._rails, handle) for handle in handles or []}
 
     def _view(self, env: Any, rails: "_Rails", handle: int) -> TrainView:
@@ -95,21 +111,45 @@ class WorldObservation(ObservationBuilder[RailEnv, TrainView]):
             broken=bool(agent.malfunction_handler.in_malfunction),
             ways=tuple(here is not None and has_way(env.rail, here, action) for action in range(N_ACTIONS)),
             vector=rails.sight.observe(handle) if deciding else self._nothing,
+            signals=rails,
         )
 
 
 class _Rails:
-    """The level of an environment: where trains decide, and what they see."""
+    """The level of an environment: where trains decide, what they see, and what they are allowed."""
 
     def __init__(self, env: RailEnv, world: WorldSpec, rules: Rules) -> None:
         try:
             self._level = _level_of(env, rules)
             _check_size(self._level, world)
-            self.sight = _sight(env, self._level, world, rules)
+            self._mirror = None if world.interlocking == "off" else _mirror(env, self._level, world, rules)
+            self.sight = _sight(env, self._level, world, rules, self._mirror)
         except (UnsupportedEnvironmentError, ValueError) as error:
             raise click.ClickException(f"this environment is not supported: {error}") from None
         self._cells = decision_cells(self._level.grid)
         self._decisions, self._rules = world.decisions, rules
+        self._n_trains = self._level.n_trains
+        self._noted: tuple[list[int], NDArray[np.bool_]] | None = None
+
+    def update(self) -> None:
+        """Take over what has become of the environment."""
+        self.sight.update()
+        if self._mirror is None:
+            return
+        if self._mirror is not self.sight:
+            self._mirror.update()
+        if self._noted is not None and self._rules == "stock":
+            self._mirror.bind(*self._noted)
+        self._noted = None
+
+    def ask(self, deciding: NDArray[np.bool_]) -> Asking:
+        return Free(deciding) if self._mirror is None else self._mirror.ask(deciding)
+
+    def unasked(self) -> list[int]:
+        return [MOVE_FORWARD] * self._n_trains if self._mirror is None else self._mirror.unasked()
+
+    def note(self, actions: list[int], deciding: NDArray[np.bool_]) -> None:
+        self._noted = actions, deciding
 
     def decides(self, agent: Any) -> bool:
         """Whether a train decides that is not committed."""
@@ -138,7 +178,13 @@ def _check_size(level: Level, world: WorldSpec) -> None:
         )
 
 
-def _sight(env: RailEnv, level: Level, world: WorldSpec, rules: Rules) -> FlatlandSight:
-    told = world.observation, rules, world.bounds
-    sight = sight_of(*told, env, level)
-    return Mirror(env, level, *told, world.decisions, STUDY_REWARD) if sight is None else sight
+def _sight(env: RailEnv, level: Level, world: WorldSpec, rules: Rules, mirror: Mirror | None) -> FlatlandSight:
+    sight = sight_of(world.observation, rules, world.bounds, env, level)
+    if sight is not None:
+        return sight
+    return _mirror(env, level, world, rules) if mirror is None else mirror
+
+
+def _mirror(env: RailEnv, level: Level, world: WorldSpec, rules: Rules) -> Mirror:
+    told = world.observation, rules, world.bounds, world.decisions, STUDY_REWARD
+    return Mirror(env, level, *told, world.interlocking, world.patience)

@@ -150,6 +150,13 @@ class DemonstrationRequest(Strict):
     file: Path
 
 
+class ExportRequest(Strict):
+    """A checkpoint shall be written for other programs; `output` is a file of ONNX, or a folder for flatland-rl."""
+
+    checkpoint: Path
+    output: Path
+
+
 def asked(model: type[R]) -> R:
     """The request that is this process's one argument; raises ConfigError if it is none."""
     try:

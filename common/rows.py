@@ -35,7 +35,7 @@ def each_row(path: Path, record_type: type[R]) -> Iterator[R]:
     if path.exists():
         with open_at_once(path) as file:
             for number, line in enumerate(_whole_lines(file), start=1):
-                yield _row(path, record_type, number, line)
+                yield row_of(path, record_type, number, line)
 
 
 def last_rows(path: Path, record_type: type[R], count: int) -> tuple[int, list[R]]:
@@ -51,7 +51,14 @@ def last_rows(path: Path, record_type: type[R], count: int) -> tuple[int, list[R
                 lines.append(line)
                 total += 1
     first = total - len(lines) + 1
-    return total, [_row(path, record_type, number, line) for number, line in enumerate(lines, start=first)]
+    return total, [row_of(path, record_type, number, line) for number, line in enumerate(lines, start=first)]
+
+
+def whole_lines_from(path: Path, offset: int) -> Iterator[bytes]:
+    """The whole lines of a file from a byte on, where a line begins."""
+    with open_at_once(path) as file:
+        file.seek(offset)
+        yield from _whole_lines(file)
 
 
 class RowFile(Generic[R]):
@@ -73,7 +80,7 @@ class RowFile(Generic[R]):
         path.touch()
         with path.open("rb") as file:
             for line in _whole_lines(file):
-                _row(path, record_type, self.count + 1, line)
+                row_of(path, record_type, self.count + 1, line)
                 self._count(line)
         self._file = path.open("ab")
         self._file.truncate(self._end)
@@ -93,7 +100,7 @@ class RowFile(Generic[R]):
         with self._path.open("rb") as file:
             self._go_to(first, file)
             for number, line in enumerate(islice(file, end - first), start=first + 1):
-                yield _row(self._path, self._record_type, number, line)
+                yield row_of(self._path, self._record_type, number, line)
 
     def cut(self, count: int) -> list[R]:
         """Keep the first `count` rows; returns those cut off."""
@@ -131,7 +138,8 @@ def _whole_lines(file: IO[bytes]) -> Iterator[bytes]:
         yield line
 
 
-def _row(path: Path, record_type: type[R], number: int, line: bytes) -> R:
+def row_of(path: Path, record_type: type[R], number: int, line: bytes) -> R:
+    """The row of a whole line, by its number from 1 on; raises DamagedRows."""
     try:
         return record_type.model_validate(parse_json(line))
     except ValueError:

@@ -28,6 +28,10 @@ app = group(
             "railctl.deploy.commands.tail:tail",
             "Follow a run's episodes and evaluations, with full history, until it ends.",
         ),
+        "mirror": Verb(
+            "railctl.deploy.commands.mirror:mirror",
+            "Bring a run's configuration and rows to MLflow, with full history, and follow it until it ends.",
+        ),
         "logs": Verb(
             "railctl.deploy.commands.logs:logs",
             "Print the last lines of the logs of a run's processes, the supervisor's included.",
@@ -72,6 +76,10 @@ app = group(
         "demonstrate": Verb(
             "railctl.deploy.commands.demonstrate:demonstrate",
             "Write episodes that a policy plays on the training levels of a run, for others to learn.",
+        ),
+        "export": Verb(
+            "railctl.deploy.commands.export:export",
+            "Write a checkpoint for other programs: its network as ONNX, or a folder for flatland-rl's evaluator.",
         ),
         "report": Verb(
             "railctl.deploy.commands.report:report",

@@ -37,6 +37,7 @@ from railctl.deploy.start import copy_start
 
 NAME_FORM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]{0,99}")
 START_TIMEOUT_S = 60.0  # importing takes long on a machine that is busy
+_supervisors: list[subprocess.Popen[bytes]] = []  # of this process, which may end before them, or long after
 
 
 def fresh_name(config: RunConfig) -> str:
@@ -221,6 +222,7 @@ def start_supervisor(
             env=os.environ | ENVIRONMENT | ({} if bank is None else {"RAILCTL_LEVELS": str(bank.resolve())}),
             start_new_session=True,
         )
+    _supervisors[:] = [*(before for before in _supervisors if before.poll() is None), child]
     deadline = time.monotonic() + START_TIMEOUT_S
     while not supervised(folder):
         if child.poll() is not None or time.monotonic() > deadline:

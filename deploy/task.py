@@ -21,8 +21,8 @@ END_PATIENCE_S = 2.0
 LINE_EVERY_S = 5.0  # where there is no terminal to draw a bar on
 
 
-def run_task(module: str, *arguments: str) -> dict[str, Any]:
-    """Run a module to its end, with progress and time left on stderr; returns its result.
+def run_task(module: str, *arguments: str, shows: bool = True) -> dict[str, Any]:
+    """Run a module to its end, with progress and time left on stderr if it `shows` them; returns its result.
 
     Raises:
         ConfigError: it was asked for what cannot be; the text is its own.
@@ -38,7 +38,7 @@ def run_task(module: str, *arguments: str) -> dict[str, Any]:
         assert process.stdout is not None  # noqa: S101  (a pipe was asked for)
         result = {}
         try:
-            with _Shower() as shower:
+            with _Shower(shows=shows) as shower:
                 for line in process.stdout:
                     document = json.loads(line)
                     if "progress" in document:
@@ -103,8 +103,8 @@ def _check_end(module: str, code: int, complaints: IO[str]) -> None:
 class _Shower:
     """A bar on a terminal, a line now and then elsewhere; on stderr, where it disturbs no result."""
 
-    def __init__(self) -> None:
-        self._console = Console(stderr=True, highlight=False)
+    def __init__(self, *, shows: bool = True) -> None:
+        self._console = Console(stderr=True, highlight=False, quiet=not shows)
         self._next_line = 0.0
         self._bar = Bar(
             TextColumn("{task.description:8}"),

@@ -10,15 +10,25 @@ from flatland.envs.persistence import RailEnvPersister
 from flatland.envs.step_utils.states import TrainState
 from terminal import run_here
 
-from railctl.adapters.flatland_tools import CheckpointPolicy, StudyObservation, StudyRewards, TrainView
+from railctl.adapters.flatland_tools import (
+    CheckpointObservation,
+    CheckpointPolicy,
+    StudyObservation,
+    StudyRewards,
+    TrainView,
+)
+from railctl.adapters.flatland_views import Signals
 from railctl.common import checkpoint
 from railctl.common.checkpoint import CheckpointError
 from railctl.common.levels.supply import LevelSupply
 from railctl.common.policy.checkpoints import load_policy
+from railctl.common.policy.player import Acting, play, player
+from railctl.common.rail.asking import Free
 from railctl.common.rail.flatland_world import FlatlandEpisode
 from railctl.common.rail.normalise import N_FEATURES, normalise
 from railctl.common.rail.world import MOVE_FORWARD
 from railctl.common.rules.settings import NetworkConfig
+from railctl.deploy.runs import find_checkpoint
 from railctl.tools.levels.export import save_pickle
 
 CLASSES = [
@@ -38,8 +48,12 @@ def policy_of(write_checkpoint, tmp_path, monkeypatch):
 
 
 def environment_of(level, tmp_path):
+    return environment_with(StudyObservation(), level, tmp_path)
+
+
+def environment_with(observation, level, tmp_path):
     save_pickle(tmp_path / "level.pkl", level)
-    return RailEnvPersister.load_new(tmp_path / "level.pkl", obs_builder=StudyObservation(), rewards=StudyRewards())[0]
+    return RailEnvPersister.load_new(tmp_path / "level.pkl", obs_builder=observation, rewards=StudyRewards())[0]
 
 
 def places_of(env):
@@ -163,9 +177,22 @@ def silence(tensors, metadata):
     metadata["science"] = "{}"
 
 
-def test_a_policy_that_acts_behind_an_interlocking_is_refused(policy_of):
-    with pytest.raises(click.ClickException, match=r"weights.safetensors acts behind an interlocking \(safe\)"):
-        policy_of(world={"mix": {"easy": 1}, "interlocking": "safe"})
+@pytest.mark.parametrize(("name", "index"), [("easy", 4), ("hard", 3)])
+def test_behind_an_interlocking_trains_do_as_in_training_a_step_later(monkeypatch, tmp_path, name, index):
+    path = find_checkpoint(f"pretrained/dispatch-{name}")
+    monkeypatch.setenv("RAILCTL_CHECKPOINT", str(path))
+    level, saved = LevelSupply().evaluation(name, index), load_policy(path)
+    assert saved.config.world.interlocking == "planned"
+    engine = player("compiled", saved.config.world, "legacy", level.n_trains)
+    course = play(engine, level, Acting(saved.network, greedy=True))
+    assert (course.arrived_at >= 0).all()
+    env = environment_with(CheckpointObservation(), level, tmp_path)
+    places, rewards = run(env, CheckpointPolicy())
+    arrivals = [agent.arrival_time for agent in env.agents]
+    assert arrivals == [step + 2 for step in course.arrived_at]  # counted from 1, and one step later
+    assert len(places) == course.last_step + 1
+    paid = rewards / level.n_trains / level.max_steps
+    assert paid == pytest.approx(course.normalised_return - 1 / level.max_steps)
 
 
 def empty(tensors, metadata):
@@ -246,6 +273,20 @@ def test_without_a_checkpoint_the_policy_says_what_to_set(monkeypatch):
         CheckpointPolicy()
 
 
+class OneTrain(Signals):
+    """A train that is free."""
+
+    def ask(self, deciding):
+        return Free(deciding)
+
+    def unasked(self):
+        return [MOVE_FORWARD]
+
+    def note(self, actions, deciding):
+        pass
+
+
 def test_views_of_no_train_are_no_episode(policy_of):
-    view = TrainView(0, None, deciding=False, broken=False, ways=(False,) * 5, vector=np.zeros(N_FEATURES, np.float32))
+    seen = {"ways": (False,) * 5, "vector": np.zeros(N_FEATURES, np.float32), "signals": OneTrain()}
+    view = TrainView(0, None, deciding=False, broken=False, **seen)
     assert len(policy_of().act_many([0], [view])) == 1

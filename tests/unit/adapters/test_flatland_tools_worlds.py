@@ -12,6 +12,7 @@ from railctl.common.levels.distributions import shipped
 from railctl.common.levels.supply import LevelSupply
 from railctl.common.policy.checkpoints import load_policy
 from railctl.common.policy.player import Acting, play, player
+from railctl.common.rail.interlocking.signals import ALL_ACTIONS
 from railctl.common.rules.settings import NetworkConfig
 from railctl.tools.levels.export import save_pickle
 
@@ -109,6 +110,17 @@ def test_an_episode_under_stock_rules_is_ours_step_by_step(checkpoint_of, tmp_pa
     assert len({tuple(speed) for speed in level.schedule.speeds.tolist()}) > 1
     course = lively(checkpoint_of, world_of(OBSERVATIONS[kind]), level)
     check_same(level, course, tmp_path)
+
+
+@pytest.mark.parametrize("interlocking", ["valid", "safe", "planned"])
+def test_behind_an_interlocking_an_episode_is_ours_too(checkpoint_of, tmp_path, interlocking):
+    """With slow trains that break down: what they were granted, and could not do yet, binds them."""
+    world = world_of({"kind": "traffic"}) | {"interlocking": interlocking}
+    for seed in (5, 6):
+        level = rush_level(seed)
+        course = lively(checkpoint_of, world, level)
+        assert (course.decisions.allowed != ALL_ACTIONS).any()
+        check_same(level, course, tmp_path)
 
 
 @pytest.mark.parametrize("decisions", ["legacy", "always"])

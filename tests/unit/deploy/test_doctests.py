@@ -17,6 +17,7 @@ import pytest
         ("railctl.deploy.show", 2),
         ("railctl.deploy.study.estimate", 1),
         ("railctl.deploy.study.levels", 1),
+        ("railctl.deploy.commands.export", 1),
         ("railctl.deploy.commands.references", 2),
         ("railctl.deploy.output", 1),
         ("railctl.deploy.judged", 2),

@@ -1,0 +1,50 @@
+"""railctl mirror: a run's rows in MLflow, those that are there and those that come."""
+
+from importlib.util import find_spec
+from typing import Annotated
+
+import typer
+
+from railctl.common.folder import RunFolder
+from railctl.common.locks import living
+from railctl.deploy.follow import outcome_of
+from railctl.deploy.mirror.following import Follower, alone
+from railctl.deploy.output import RunName, console, counted, one_line_errors
+from railctl.deploy.runs import Failed, find_run
+
+NEEDS = "mlflow"
+
+
+@one_line_errors
+def mirror(
+    run: RunName = None,
+    mlflow: Annotated[
+        str, typer.Option(metavar="URI", help="The store: sqlite:///FILE.db, or http:// of a tracking server.")
+    ] = "sqlite:///mlflow.db",
+    experiment: Annotated[str, typer.Option(help="The experiment that the run belongs to there.")] = "railctl",
+) -> None:
+    """Bring a run's configuration and rows to MLflow, with full history, and follow it until it ends.
+
+    What is there already is not brought again: end it and start it as you like.
+    """
+    folder = find_run(run)
+    if find_spec(NEEDS) is None:
+        raise Failed(f"the package {NEEDS} is missing: pip install 'railctl[mlflow]'")
+    with alone(folder):
+        _mirror(folder, mlflow, experiment)
+
+
+def _mirror(folder: RunFolder, uri: str, experiment: str) -> None:
+    from railctl.deploy.mirror.mlflow_sink import MlflowSink  # noqa: PLC0415  (it takes seconds)
+
+    sink = MlflowSink(folder, uri, experiment)
+    name = folder.path.name
+    console.print(f"run {name} is run {sink.run_id} of {experiment} in {uri}", markup=False, soft_wrap=True)
+    try:
+        Follower(folder).follow(sink)
+        if not living(folder):
+            outcome = outcome_of(folder)[0]
+            sink.end("FINISHED" if outcome == "finished" else "FAILED" if outcome == "failed" else "KILLED")
+    except KeyboardInterrupt:
+        sink.flush()
+    console.print(f"{counted(sink.logged, 'number')} brought there", markup=False, soft_wrap=True)

@@ -1,0 +1,93 @@
+"""Trained policies that act in the caller's process, through the compiled twins of their networks."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from railctl.common.checkpoint import CheckpointError
+from railctl.common.policy.checkpoints import load_policy
+from railctl.common.rail.world import N_ACTIONS
+from railctl.common.strict import ConfigError
+from railctl.deploy.runs import find_checkpoint
+
+Floats = NDArray[np.float32]
+Memory = dict[str, Floats]
+
+
+class Policy:
+    """A checkpoint's network: observations in, actions out. The best action is taken; of equals the lowest.
+
+    Attributes:
+        name: as it was asked for.
+        path: of the checkpoint.
+        config: of its run, with the world that it knows.
+        episode: episodes of training.
+        n_features: F, of an observation.
+    """
+
+    def __init__(self, name: str | Path) -> None:
+        """Load a policy; see `railctl.load_policy`."""
+        self.name = str(name)
+        self.path = find_checkpoint(self.name)
+        try:
+            saved = load_policy(self.path)
+        except CheckpointError as error:
+            raise ConfigError(str(error)) from None
+        self._network = saved.network
+        self.config = saved.config
+        self.episode = saved.episode
+        self.n_features = saved.config.world.n_features
+
+    def outputs(self, observations: Any, state: Floats | None = None) -> Floats:
+        """What the network says: action values [R, 5], or logits and the state's value [R, 6].
+
+        Args:
+            observations: [R, F] float32, scaled as the world's observation is.
+            state: [R, S], of a recurrent network, overwritten with what comes after; zeros if not given.
+
+        Raises:
+            ValueError: a shape is another.
+        """
+        return self._network.outputs(np.ascontiguousarray(observations, np.float32), state)
+
+    def act(self, observations: Any, allowed: Any = None, state: Floats | None = None) -> NDArray[np.int64]:
+        """[R]: the best action for each of R observations [R, F].
+
+        Args:
+            observations: as for `outputs`.
+            allowed: [R, 5], true for what a train may do; everything if not given.
+            state: as for `outputs`.
+        """
+        scores = self.outputs(observations, state)[:, :N_ACTIONS]
+        if allowed is not None:
+            scores = np.where(np.asarray(allowed, np.bool_), scores, -np.inf)
+        actions: NDArray[np.int64] = scores.argmax(-1)
+        return actions
+
+    def actions(
+        self, observations: Mapping[str, Floats], infos: Mapping[str, Mapping[str, Any]], memory: Memory | None = None
+    ) -> dict[str, int]:
+        """What the agents do whose actions count now, from what `reset` or `step` of `railctl.make_env` gave.
+
+        Args:
+            observations: by agent.
+            infos: by agent; `deciding` and `action_mask` are looked at.
+            memory: for recurrent networks, a dictionary of an episode's own, empty at first: what trains carry along.
+        """
+        agents = [agent for agent in observations if infos[agent]["deciding"]]
+        if not agents:
+            return {}
+        memory = {} if memory is None else memory
+        states = [memory.get(agent, self._network.zero_state(1)) for agent in agents]
+        state = np.concatenate(states)
+        masks = np.array([infos[agent]["action_mask"] for agent in agents])
+        chosen = self.act(np.array([observations[agent] for agent in agents]), masks, state)
+        memory.update({agent: state[number : number + 1] for number, agent in enumerate(agents)})
+        return dict(zip(agents, chosen.tolist(), strict=True))
+
+    def __repr__(self) -> str:
+        trained = f"{self.config.algorithm} after {self.episode} episodes, {self.n_features} features"
+        return f"Policy({self.name!r}: {trained})"
