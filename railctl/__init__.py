@@ -8,7 +8,7 @@
 
 `docs/python.md` has the whole of it. Nothing heavy is imported before it is used.
 
-All packages lie in this one, in a checkout by links, so that an installation brings one name, and neither shadows nor is
+All packages lie in this one, in a checkout by links: an installation brings one name, which neither shadows nor is
 shadowed by a user's own `common` or `services`.
 """
 

@@ -74,7 +74,8 @@ def shell(tmp_path, runs):
         (tools / name).write_text("#!/bin/sh\n[ -t 0 ] || cat > /dev/null\n")
     for tool in tools.iterdir():
         tool.chmod(0o755)
-    environment = os.environ | {"PATH": f"{tools}{os.pathsep}{os.environ['PATH']}", "COLUMNS": "100"}
+    path = os.pathsep.join([str(tools), str(RAILCTL.parent), os.environ["PATH"]])
+    environment = os.environ | {"PATH": path, "COLUMNS": "100"}
     environment.pop("RAILCTL_RUNS", None)
     yield tmp_path, environment
     for root in (tmp_path / "runs", tmp_path / "shared" / "runs"):

@@ -69,12 +69,6 @@ def test_every_command_and_option_of_a_document_exists(document):
     assert {line: wrong for line, wrong in found.items() if wrong} == {}
 
 
-def test_the_readme_names_every_command():
-    said = {" ".join(words) for words in spoken((ROOT / "README.md").read_text())}
-    verbs = {part for line in said for word in line.split()[:2] for part in word.split("|")}
-    assert {path[-1] for path in COMMANDS if path} <= verbs
-
-
 def test_what_the_readme_does_not_know_is_noticed():
     assert unknown(["up", "--levels", "easy"]) == ["--levels"]
     assert unknown(["pause|retsart", "RUN"]) == ["retsart"]
