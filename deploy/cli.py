@@ -87,7 +87,7 @@ app = group(
         ),
         "doctor": Verb(
             "railctl.deploy.commands.doctor:doctor",
-            "Check this machine: Python, packages, cores, memory, disk, Zenoh, and arithmetic that repeats.",
+            "Check this machine: system, packages, compiled code, cores, memory, disk, clock, Zenoh, arithmetic.",
         ),
         "bench": Verb(
             "railctl.deploy.commands.bench:bench",
