@@ -291,7 +291,8 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
             self._window.show(self._picture())
 
     def _picture(self) -> NDArray[np.uint8]:
-        from railctl.adapters.pictures import Canvas, trains_of  # noqa: PLC0415  (who trains draws nothing)
+        from railctl.adapters.pictures import trains_of  # noqa: PLC0415  (who trains draws nothing)
+        from railctl.common.pictures.canvas import Canvas  # noqa: PLC0415
 
         if self.level is None or self._played is None:
             raise ResetNeeded("there is no episode to render: call reset first")

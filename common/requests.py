@@ -27,6 +27,7 @@ DRAWING: tuple[Reference, ...] = ("random", *PLANNING)  # references that draw
 ORDERS = 50
 MOST_ORDERS = 100_000
 MOST_EPISODES = 1_000_000  # of demonstrations, or evaluation levels
+FPS = 8.0  # of films, unless it is said
 EPISODES = 100  # evaluation levels, if no number is given and so many are held out
 
 R = TypeVar("R", bound=Strict)
@@ -77,6 +78,50 @@ class ReferenceRequest(Strict):
     draws: int = Field(default=0, ge=0)
     orders: int = Field(default=ORDERS, ge=1, le=MOST_ORDERS)
     levels: LevelChoice
+
+
+class PlaybackRequest(Strict):
+    """A policy shall play one level, and all that happens be written to a file (see `common.playback`).
+
+    Attributes:
+        policy: the name of a reference policy, or None: that of a checkpoint.
+        checkpoint: its file, or None.
+        mode: how a checkpoint acts; None: as its run scores it.
+        draws: seed of what is drawn; None: the run's, for a reference policy 0.
+        orders: of trains that planners try.
+        levels: of what is played; at most one name is given, and no number of episodes.
+        number: of the level: an evaluation level of the distribution, or in the group of the file, from 0.
+        observations: whether they are wanted, too.
+        file: what to write; another one there is replaced.
+    """
+
+    policy: Reference | None = None
+    checkpoint: Path | None = None
+    mode: Mode | None = None
+    draws: int | None = Field(default=None, ge=0)
+    orders: int = Field(default=ORDERS, ge=1, le=MOST_ORDERS)
+    levels: LevelChoice
+    number: int = Field(default=0, ge=0)
+    observations: bool = True
+    file: Path
+
+
+class RenderRequest(Strict):
+    """Episodes on the same level shall be drawn beside each other.
+
+    Attributes:
+        playbacks: files as `PlaybackRequest` has them written.
+        titles: what is said above each.
+        step: of a .png, the moment that is drawn; None: the last.
+        fps: of films, steps a second.
+        file: what to write: .gif, .mp4 or .png; another one there is replaced.
+    """
+
+    playbacks: tuple[Path, ...] = Field(min_length=1)
+    titles: tuple[str, ...] = Field(min_length=1)
+    step: int | None = Field(default=None, ge=0)
+    fps: float = Field(default=FPS, ge=1, le=50)
+    file: Path
 
 
 class DemonstrationRequest(Strict):

@@ -63,6 +63,10 @@ app = group(
             "railctl.deploy.commands.evaluate:evaluate",
             "Play levels with a checkpoint or a reference policy, and print what becomes of them.",
         ),
+        "render": Verb(
+            "railctl.deploy.commands.render:render",
+            "Draw an episode on its map, as a film or a picture; two policies beside each other with --against.",
+        ),
         "demonstrate": Verb(
             "railctl.deploy.commands.demonstrate:demonstrate",
             "Write episodes that a policy plays on the training levels of a run, for others to learn.",

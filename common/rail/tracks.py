@@ -4,6 +4,8 @@ A train with a heading comes in over the opposite edge. A way back to the edge i
 buffer stop in the middle of the cell. Coordinates are x and y in cells, from the north-western corner.
 """
 
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -48,6 +50,18 @@ def way(row: int, column: int, heading: int, towards: int) -> Line:
     t = np.linspace(0, 1, CURVE_POINTS)[:, None]
     curve: Line = (1 - t) ** 2 * begin + 2 * t * (1 - t) * middle + t**2 * end
     return curve
+
+
+def track(places: Sequence[tuple[int, ...]]) -> Line:
+    """[P, 2]: the rails over these cells, from the middle of the first to that of the last, by row, column, heading."""
+    if not places:
+        return np.zeros((0, 2))
+    parts = [np.array([[places[0][1] + 0.5, places[0][0] + 0.5]])]
+    for (row, column, heading), (_, _, towards) in pairwise(places):
+        leg = way(row, column, heading, towards)
+        parts.append(leg[-1:] if len(parts) == 1 else leg)
+    parts.append(np.array([[places[-1][1] + 0.5, places[-1][0] + 0.5]]))
+    return np.concatenate(parts)
 
 
 def buffer_stop(row: int, column: int, heading: int) -> Line:

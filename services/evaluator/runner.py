@@ -82,14 +82,7 @@ def evaluate(policy: Policy, levels: Iterable[Level], on_level: Callable[[int], 
     """
     courses = []
     for index, level in enumerate(levels):
-        try:
-            course = policy(index, level)
-        except ValueError as error:
-            raise UnplayableLevelError(f"level {index}: {error}") from error
-        except MemoryError:
-            rows, columns = level.grid.shape
-            size = f"{rows}x{columns} cells, {level.n_trains} trains and {level.max_steps} steps"
-            raise UnplayableLevelError(f"level {index}: {size} take more memory than there is") from None
+        course = course_of(policy, index, level)
         arrived = course.arrived_at >= 0
         courses.append((course.normalised_return, arrived.mean(), arrived.all(), course.last_step, course.score))
         on_level(index + 1)
@@ -101,3 +94,19 @@ def evaluate(policy: Policy, levels: Iterable[Level], on_level: Callable[[int], 
         steps=np.array(steps),
         scores=None if None in scores else np.array(scores),
     )
+
+
+def course_of(policy: Policy, index: int, level: Level) -> Course:
+    """The episode that a policy plays on the level of a number.
+
+    Raises:
+        UnplayableLevelError: it cannot be played.
+    """
+    try:
+        return policy(index, level)
+    except ValueError as error:
+        raise UnplayableLevelError(f"level {index}: {error}") from error
+    except MemoryError:
+        rows, columns = level.grid.shape
+        size = f"{rows}x{columns} cells, {level.n_trains} trains and {level.max_steps} steps"
+        raise UnplayableLevelError(f"level {index}: {size} take more memory than there is") from None

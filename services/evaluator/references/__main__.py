@@ -4,23 +4,22 @@ It answers what `services.evaluator.score` answers of a checkpoint, with the pol
 """
 
 from railctl.common.levels.chunks import BankError
-from railctl.common.levels.distributions import shipped
 from railctl.common.levels.files import LevelFileError
 from railctl.common.policy.player import compiled_world
 from railctl.common.requests import DRAWING, PLANNING, ReferenceRequest, asked
 from railctl.common.task import carry_out, say
-from railctl.common.world import WorldSpec
-from railctl.services.evaluator.references.policies import INTERLOCKINGS, reference_policy
+from railctl.services.evaluator.groups import groups_of, known_to_all
+from railctl.services.evaluator.references.policies import reference_policy, reference_world
 from railctl.services.evaluator.runner import UnplayableLevelError
-from railctl.services.evaluator.score import groups_of, played
+from railctl.services.evaluator.score import played
 
 
 def score(request: ReferenceRequest) -> None:
     """Score the policy on all groups of levels."""
-    known = shipped() | request.levels.own
-    conditions = WorldSpec(levels=known, interlocking=INTERLOCKINGS.get(request.policy, "off"))
+    known = known_to_all(request.levels)
+    conditions = reference_world(request.policy, known.levels)
     rows = []
-    for group in groups_of(request.levels, known, list(shipped()), {"legacy"}):
+    for group in groups_of(request.levels, known):
         world = compiled_world(conditions, group.rules, group.most_trains)
         policy = reference_policy(request.policy, world, request.draws, request.orders)
         rows.append(played(group, policy, request.levels.file))

@@ -14,9 +14,11 @@
 from collections.abc import Mapping
 from functools import partial
 
+from railctl.common.levels.distributions import AnyLevels
 from railctl.common.rail.compiled.world import CompiledWorld
 from railctl.common.rail.interlocking.signals import Interlocking
 from railctl.common.requests import ORDERS, Reference
+from railctl.common.world import WorldSpec
 from railctl.services.evaluator.references.deadlock_avoidance import deadlock_avoidance
 from railctl.services.evaluator.references.interlocked import interlocked_shortest_path
 from railctl.services.evaluator.references.performing import Begin, policy_of
@@ -28,12 +30,17 @@ from railctl.services.evaluator.runner import Policy
 INTERLOCKINGS: Mapping[Reference, Interlocking] = {"shortest-path-safe": "safe", "shortest-path-planned": "planned"}
 
 
+def reference_world(name: Reference, levels: Mapping[str, AnyLevels]) -> WorldSpec:
+    """The world that the policy of a name plays such levels in."""
+    return WorldSpec(levels=dict(levels), interlocking=INTERLOCKINGS.get(name, "off"))
+
+
 def reference_policy(name: Reference, world: CompiledWorld, seed: int = 0, orders: int = ORDERS) -> Policy:
     """The policy of a name.
 
     Args:
         name: see above.
-        world: where it plays, in slot 0; it has the interlocking of `INTERLOCKINGS`, none for other names.
+        world: where it plays, in slot 0; as `reference_world` says.
         seed: of what it draws; what a level is played with depends on nothing but this and the level's number.
         orders: of planners.
     """

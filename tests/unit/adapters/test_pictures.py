@@ -11,9 +11,11 @@ from pettingzoo.utils.conversions import parallel_to_aec
 from rush_levels import RUSH, rush_level
 
 from railctl.adapters.pettingzoo_env import TrainsEnv
-from railctl.adapters.pictures import Canvas, Sight, trains_of
+from railctl.adapters.pictures import trains_of
 from railctl.adapters.windows import NoDisplayError, Window
 from railctl.common.levels.level import Level
+from railctl.common.pictures.canvas import Canvas
+from railctl.common.pictures.glyphs import Sight
 from railctl.common.rail.compiled.world import CompiledWorld
 from railctl.common.rail.world import MOVE_FORWARD
 from railctl.common.world import WorldSpec
