@@ -38,9 +38,9 @@ test: check
 parity: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m parity tests/parity
 
-# Needs Chromium (Debian: apt-get install chromium); leaves screenshots in .browser.
+# Needs Chromium (Debian: apt-get install chromium chromium-driver); leaves screenshots in .browser.
 browser: install
-	$(TEST_ENVIRONMENT) $(BIN)/pytest -m browser --basetemp .browser tests/unit/analysis/report
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -m browser --basetemp .browser tests/unit/analysis/report tests/system/test_watch_page.py
 
 # Adds stable-baselines3 and SuperSuit to .venv; trains for a minute or two.
 sb3: install

@@ -26,6 +26,10 @@ app = group(
             "railctl.deploy.commands.tail:tail",
             "Follow a run's episodes and evaluations, with full history, until it ends.",
         ),
+        "watch": Verb(
+            "railctl.deploy.commands.watch:watch",
+            "Show runs and studies live in the browser: curves, actors to scale, and trains as they are driven.",
+        ),
         "logs": Verb(
             "railctl.deploy.commands.logs:logs",
             "Print the last lines of the logs of a run's processes, the supervisor's included.",
