@@ -43,9 +43,9 @@ docs: install
 parity: install
 	$(TEST_ENVIRONMENT) $(BIN)/pytest -m parity tests/parity
 
-# Needs Chromium (Debian: apt-get install chromium); leaves screenshots in .browser.
+# Needs Chromium (Debian: apt-get install chromium chromium-driver); leaves screenshots in .browser.
 browser: install
-	$(TEST_ENVIRONMENT) $(BIN)/pytest -m browser --basetemp .browser tests/unit/analysis/report
+	$(TEST_ENVIRONMENT) $(BIN)/pytest -m browser --basetemp .browser tests/unit/analysis/report tests/system/test_watch_page.py
 
 # Executes a copy of the notebook, in a folder of its own, as somebody does who has just made a clone: two minutes or so.
 notebook: install

@@ -28,6 +28,10 @@ app = group(
             "railctl.deploy.commands.tail:tail",
             "Follow a run's episodes and evaluations, with full history, until it ends.",
         ),
+        "watch": Verb(
+            "railctl.deploy.commands.watch:watch",
+            "Show runs and studies live in the browser: curves, actors to scale, and trains as they are driven.",
+        ),
         "mirror": Verb(
             "railctl.deploy.commands.mirror:mirror",
             "Bring a run's configuration and rows to MLflow, with full history, and follow it until it ends.",

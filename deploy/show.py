@@ -10,52 +10,44 @@ from rich.progress_bar import ProgressBar
 from rich.table import Column, Table
 from rich.text import Text
 
-from railctl.common.compile_signs import COMPILING
 from railctl.common.records.control import Status
 from railctl.common.records.rows import EpisodeRow, EvaluationRow, EventRow
+from railctl.deploy.view import RunView, Tone, run_view
 
 SHOWN_EVALUATIONS = 8
-SHOWN_PROBLEMS = 3
 BLOCKS = 10
 SCORE = "flatland score"  # of levels of the stock rules
-STATE_STYLES = {
-    "running": "green",
-    "finished": "green",
-    "failed": "bold red",
-    "unsupervised": "red",
-    "paused": "yellow",
-}
+TONE_STYLES: Mapping[Tone, str] = {"good": "green", "waits": "yellow", "wrong": "bold red", "idle": ""}
 
 
 def view(status: Status, evaluations: Sequence[EvaluationRow]) -> RenderableType:
     """The live view: progress, evaluations, who is alive, what is wrong."""
-    parts: list[RenderableType] = [_progress(status)]
+    shown = run_view(status, time.time())
+    parts: list[RenderableType] = [_progress(shown)]
     if evaluations:
         parts.append(evaluation_table(evaluations[-SHOWN_EVALUATIONS:]))
-    parts.append(process_table(status))
-    parts += [Text(f"! {problem}", style="yellow") for problem in status.problems[-SHOWN_PROBLEMS:]]
-    return Panel(
-        Group(*parts), title=f"railctl  {status.run}", subtitle="Ctrl-C stops cleanly", expand=False, width=108
-    )
+    parts.append(_processes(shown))
+    parts += [Text(f"! {problem}", style="yellow") for problem in shown.problems]
+    return Panel(Group(*parts), title=f"railctl  {shown.run}", subtitle="Ctrl-C stops cleanly", expand=False, width=108)
 
 
-def _progress(status: Status) -> RenderableType:
-    progress = status.progress
+def _progress(shown: RunView) -> RenderableType:
+    progress = shown.progress
     if progress is None:
-        return Text(starting_line(status))
+        return Text(shown.starting)
     grid = Table.grid(padding=(0, 2))
-    bar = ProgressBar(total=status.episodes, completed=progress.done, width=40)
-    left = f"{duration(status.time_left_s)} left" if status.time_left_s else ""
+    bar = ProgressBar(total=shown.episodes, completed=progress.done, width=40)
+    left = f"{duration(shown.time_left_s)} left" if shown.time_left_s else ""
     grid.add_row(
-        Text(status.state, style=STATE_STYLES.get(status.state, "")),
+        Text(shown.state, style=TONE_STYLES[shown.tone]),
         bar,
-        f"{progress.done}/{status.episodes} episodes",
+        f"{progress.done}/{shown.episodes} episodes",
         left,
     )
     line = (
         f"return of the last 100: {number(progress.return_last_100)}    "
         f"{progress.episodes_per_s:.1f} episodes/s  {progress.steps_per_s:.0f} steps/s    "
-        f"{progress.leased} leased  {sum(progress.waiting.values())} waiting    "
+        f"{progress.leased} leased  {progress.waiting} waiting    "
         f"snapshot {progress.snapshot}"
     )
     if progress.staleness_last_100:
@@ -65,23 +57,17 @@ def _progress(status: Status) -> RenderableType:
 
 def progress_line(status: Status) -> str:
     """The live view in one line, for logs and pipes."""
-    progress = status.progress
+    shown = run_view(status, time.time())
+    progress = shown.progress
     if progress is None:
-        return starting_line(status)
-    left = f"  {duration(status.time_left_s)} left" if status.time_left_s else ""
+        return shown.starting
+    left = f"  {duration(shown.time_left_s)} left" if shown.time_left_s else ""
     stale = f"  staleness(100) {progress.staleness_last_100:.1f}" if progress.staleness_last_100 else ""
-    alive = sum(process.pid is not None for process in status.processes)
     return (
-        f"{status.state}  {progress.done}/{status.episodes} episodes  return(100) {number(progress.return_last_100)}"
+        f"{shown.state}  {progress.done}/{shown.episodes} episodes  return(100) {number(progress.return_last_100)}"
         f"{stale}  {progress.episodes_per_s:.1f} ep/s  {progress.evaluations}/{progress.evaluations_due} evaluations  "
-        f"{alive} processes{left}"
+        f"{shown.alive} processes{left}"
     )
-
-
-def starting_line(status: Status) -> str:
-    """What a run does before it has progress to show."""
-    compile_now = [process.process for process in status.processes if process.state == COMPILING]
-    return f"{', '.join(compile_now)}: {COMPILING} ..." if compile_now else f"{status.state} ..."
 
 
 def named_table(*headings: str) -> Table:
@@ -98,16 +84,19 @@ def _whole(headings: Sequence[str]) -> list[Column]:
 
 def process_table(status: Status) -> Table:
     """Who is alive, and since when silent."""
+    return _processes(run_view(status, time.time()))
+
+
+def _processes(shown: RunView) -> Table:
     table = named_table("process", "serves", "pid", "state", "restarts", "last heartbeat")
-    for process in status.processes:
-        beat = process.last_heartbeat_unix_s
+    for process in shown.processes:
         table.add_row(
             process.process,
-            process.serves or "",
+            process.serves,
             str(process.pid or "-"),
             process.state,
             str(process.restarts),
-            "-" if beat is None else f"{max(0.0, time.time() - beat):.0f} s ago",
+            "-" if process.silent_s is None else f"{process.silent_s:.0f} s ago",
         )
     return table
 

@@ -71,6 +71,10 @@ class Task:
     def has_ended(self) -> bool:
         return self._process.poll() is not None
 
+    def wait(self) -> None:
+        """Return when it has ended."""
+        self._process.wait()
+
     def result(self) -> dict[str, Any]:
         """The result of a task that has ended; raises as `run_task` does."""
         with self._said, self._complaints:

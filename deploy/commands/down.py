@@ -33,9 +33,9 @@ def down(
         say(f"run {folder.path.name} is not running", {"done": True, "text": "not running"}, as_json=as_json)
         return
     if supervised(folder):
-        _ask(folder)
+        ask_to_stop(folder)
         if force:
-            _ask(folder)
+            ask_to_stop(folder)
         if not wait_until(lambda: not supervised(folder), PATIENCE_S):
             raise Failed(f"run {folder.path.name} does not stop: railctl down --force {folder.path.name}")
     _end_the_rest(folder, force=force)
@@ -43,7 +43,8 @@ def down(
     say(text, {"done": True, "text": text}, as_json=as_json)
 
 
-def _ask(folder: RunFolder) -> None:
+def ask_to_stop(folder: RunFolder) -> None:
+    """Ask the supervisor for a clean stop, without waiting for it; the second time for a forced one."""
     try:
         with reach(folder) as bus:
             bus.ask(keys.STOP, Empty(), ASK_TIMEOUT_S)

@@ -2,7 +2,8 @@
 
 from typing import Literal
 
-from railctl.common.records.control import LearnerCommand
+from railctl.common.folder import RunFolder
+from railctl.common.records.control import CommandAnswer, LearnerCommand
 from railctl.common.wire import keys
 from railctl.deploy.output import say
 from railctl.deploy.runs import find_run, reach
@@ -10,10 +11,21 @@ from railctl.deploy.runs import find_run, reach
 TIMEOUT_S = 20.0  # a snapshot is written before the answer
 
 
-def ask_learner(run: str | None, verb: Literal["pause", "resume", "checkpoint"], *, as_json: bool) -> None:
+Verb = Literal["pause", "resume", "checkpoint"]
+
+
+def ask_learner(run: str | None, verb: Verb, *, as_json: bool) -> None:
     """Ask the run's learner and print its answer."""
-    folder = find_run(run)
+    answer = tell_learner(find_run(run), verb)
+    say(answer.text, answer.model_dump(), as_json=as_json)
+
+
+def tell_learner(folder: RunFolder, verb: Verb) -> CommandAnswer:
+    """Ask a run's learner; its answer names the run's folder as the user does.
+
+    Raises:
+        NoAnswer: it is not there.
+    """
     with reach(folder) as bus:
         answer = bus.ask(keys.COMMAND_LEARNER, LearnerCommand(verb=verb), TIMEOUT_S)
-    text = answer.text.replace(str(folder.path.resolve()), str(folder.path))  # as the user calls it
-    say(text, answer.model_dump() | {"text": text}, as_json=as_json)
+    return answer.model_copy(update={"text": answer.text.replace(str(folder.path.resolve()), str(folder.path))})

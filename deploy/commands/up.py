@@ -28,6 +28,7 @@ from railctl.deploy.commands.run_options import (
 )
 from railctl.deploy.commands.scale import scale_to
 from railctl.deploy.follow import outcome_of
+from railctl.deploy.foreground import follow_to_end
 from railctl.deploy.launch import (
     check_door,
     check_existing,
@@ -43,7 +44,6 @@ from railctl.deploy.output import console, counted, one_line_errors, print_table
 from railctl.deploy.resolve import parse_actors, resolve, resolve_existing
 from railctl.deploy.runs import Failed, runs_root, supervised
 from railctl.deploy.show import summary
-from railctl.deploy.watch import watch
 
 
 @one_line_errors
@@ -98,7 +98,7 @@ def up(
     if detach:
         console.print(f"follow it with: railctl tail {folder.path.name}", markup=False, soft_wrap=True)
         return
-    conclude(folder, terminated=watch(folder))
+    conclude(folder, terminated=follow_to_end(folder))
 
 
 def prepare(name: str | None, given: dict[str, Any], base: Path = Path()) -> tuple[RunFolder, RunConfig]:

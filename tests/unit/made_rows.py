@@ -1,6 +1,6 @@
-"""Rows of episodes for tests that care for one or two of their values."""
+"""Rows for tests that care for one or two of their values."""
 
-from railctl.common.records.rows import EpisodeRow
+from railctl.common.records.rows import EpisodeRow, EvaluationRow
 
 
 def episode_row(number, **changes):
@@ -22,3 +22,19 @@ def episode_row(number, **changes):
         "trained_unix_s": 1000.0,
     }
     return EpisodeRow(**values | changes)
+
+
+def evaluation_row(episode=10, level="easy", **changes):
+    """The row of an evaluation, likewise."""
+    values = {
+        "mode": "greedy",
+        "levels": 50,
+        "normalised_return": -0.25,
+        "arrived_share": 0.75,
+        "all_arrived_share": 0.5,
+        "mean_steps": 41.5,
+        "weights_digest": "0" * 32,
+        "evaluated_unix_s": 1000.0,
+        "evaluating_s": 1.0,
+    }
+    return EvaluationRow(episode=episode, level=level, **values | changes)

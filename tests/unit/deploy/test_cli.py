@@ -412,7 +412,7 @@ def test_up_tells_how_a_run_ended(root, started, monkeypatch, outcome, code, las
     def end(folder):
         folder.outcome_file.write_text(json.dumps({"outcome": outcome, "reason": "no disk"}))
 
-    monkeypatch.setattr("railctl.deploy.commands.up.watch", end)
+    monkeypatch.setattr("railctl.deploy.commands.up.follow_to_end", end)
     result = railctl("up", "--name", "one")
     assert result.exit_code == code
     lines = (result.stdout + result.stderr).splitlines()

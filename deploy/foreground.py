@@ -23,7 +23,7 @@ LINE_EVERY_S = 5.0
 LOOK_S = 0.05
 
 
-def watch(folder: RunFolder) -> bool:
+def follow_to_end(folder: RunFolder) -> bool:
     """Show a run until its supervisor ends. Ctrl-C or SIGTERM asks for a clean stop, a second one forces it.
 
     Returns:

@@ -1,0 +1,1 @@
+"""The page of `railctl watch`: a server on loopback that reads what runs publish and what lies in their folders."""
