@@ -13,7 +13,7 @@ from railctl.common.folder import RunFolder
 from railctl.common.locks import holder
 from railctl.common.records.rows import EvaluationRow
 from railctl.deploy.follow import Row, Rows, live_status
-from railctl.deploy.output import console
+from railctl.deploy.output import console, line_width
 from railctl.deploy.runs import Failed, reach, supervised
 from railctl.deploy.show import progress_line, row_line, view
 from railctl.deploy.termination import Terminated, terminable
@@ -79,8 +79,8 @@ def _in_lines(folder: RunFolder, bus: Bus) -> None:
     _loop(
         folder,
         rows,
-        lambda row: console.print(row_line(row), markup=False, soft_wrap=True),
-        lambda: console.print(progress_line(live_status(bus)), markup=False, soft_wrap=True),
+        lambda row: console.print(row_line(row, line_width()), markup=False, soft_wrap=True),
+        lambda: console.print(progress_line(live_status(bus), line_width()), markup=False, soft_wrap=True),
         LINE_EVERY_S,
     )
 

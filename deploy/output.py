@@ -66,6 +66,11 @@ def print_table(table: Table) -> None:
     wide.print(table)
 
 
+def line_width() -> int | None:
+    """How wide a line may be: as a terminal is; whoever reads a file or a pipe wants all of it."""
+    return console.width if console.is_terminal else None
+
+
 def counted(number: int, noun: str) -> str:
     """So many of something.
 

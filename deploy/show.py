@@ -44,30 +44,52 @@ def _progress(shown: RunView) -> RenderableType:
         f"{progress.done}/{shown.episodes} episodes",
         left,
     )
-    line = (
+    stale = progress.staleness_last_100
+    lines = (
         f"return of the last 100: {number(progress.return_last_100)}    "
-        f"{progress.episodes_per_s:.1f} episodes/s  {progress.steps_per_s:.0f} steps/s    "
-        f"{progress.leased} leased  {progress.waiting} waiting    "
-        f"snapshot {progress.snapshot}"
+        f"{progress.episodes_per_s:.1f} episodes/s  {progress.steps_per_s:.0f} steps/s\n"
+        f"{progress.leased} leased  {progress.waiting} waiting    snapshot {progress.snapshot}"
+        f"{f'    staleness of the last 100: {stale:.1f}' if stale else ''}"
     )
-    if progress.staleness_last_100:
-        line += f"\nstaleness of the last 100: {progress.staleness_last_100:.1f}"
-    return Group(grid, Text(line))
+    return Group(grid, Text(lines))
 
 
-def progress_line(status: Status) -> str:
-    """The live view in one line, for logs and pipes."""
+def progress_line(status: Status, width: int | None = None) -> str:
+    """The live view in one line, for logs and pipes; of at most so many characters, if what matters most has room."""
     shown = run_view(status, time.time())
     progress = shown.progress
     if progress is None:
         return shown.starting
-    left = f"  {duration(shown.time_left_s)} left" if shown.time_left_s else ""
-    stale = f"  staleness(100) {progress.staleness_last_100:.1f}" if progress.staleness_last_100 else ""
-    return (
-        f"{shown.state}  {progress.done}/{shown.episodes} episodes  return(100) {number(progress.return_last_100)}"
-        f"{stale}  {progress.episodes_per_s:.1f} ep/s  {progress.evaluations}/{progress.evaluations_due} evaluations  "
-        f"{shown.alive} processes{left}"
+    stale, left = progress.staleness_last_100, shown.time_left_s
+    return fitted(
+        [
+            (shown.state, 0),
+            (f"{progress.done}/{shown.episodes} episodes", 0),
+            (f"return(100) {number(progress.return_last_100)}", 0),
+            (f"staleness(100) {stale:.1f}" if stale else "", 0),
+            (f"{progress.episodes_per_s:.1f} ep/s", 0),
+            (f"{progress.evaluations}/{progress.evaluations_due} evaluations", 1),
+            (f"{shown.alive} processes", 2),
+            (f"{duration(left)} left" if left else "", 0),
+        ],
+        width,
     )
+
+
+def fitted(parts: Sequence[tuple[str, int]], width: int | None) -> str:
+    """A line of parts, of at most so many characters: those of the highest rank are left out first, of rank 0 none.
+
+    >>> fitted([("episode 7", 0), ("epsilon 0.1", 2), ("actor-easy-0", 1)], 30)
+    'episode 7  actor-easy-0'
+    """
+    kept = [(text, rank) for text, rank in parts if text]
+    while width is not None and len(_joined(kept)) > width and (least := max(rank for _, rank in kept)):
+        kept.remove(next(part for part in reversed(kept) if part[1] == least))
+    return _joined(kept)
+
+
+def _joined(parts: Sequence[tuple[str, int]]) -> str:
+    return "  ".join(text for text, _ in parts)
 
 
 def named_table(*headings: str) -> Table:
@@ -172,19 +194,33 @@ def summary(episodes: Sequence[EpisodeRow], evaluations: Sequence[EvaluationRow]
     return table
 
 
-def row_line(row: EpisodeRow | EvaluationRow) -> str:
-    """A row of a tail."""
+def row_line(row: EpisodeRow | EvaluationRow, width: int | None = None) -> str:
+    """A row of a tail, of at most so many characters, if what matters most has room; names are never cut."""
     if isinstance(row, EpisodeRow):
-        staleness = f"  staleness {row.staleness}" if row.staleness else ""
-        return (
-            f"episode {row.episode:>6}  {row.level:<6}  return {row.normalised_return:7.3f}  "
-            f"arrived {row.arrived}/{row.trains}  steps {row.steps:>3}  epsilon {row.epsilon:.3f}  {row.actor}"
-            f"{staleness}"
+        return fitted(
+            [
+                (f"episode {row.episode:>6}", 0),
+                (f"{row.level:<6}", 0),
+                (f"return {row.normalised_return:7.3f}", 0),
+                (f"arrived {row.arrived}/{row.trains}", 0),
+                (f"steps {row.steps:>3}", 0),
+                (f"epsilon {row.epsilon:.3f}", 2),
+                (row.actor, 1),
+                (f"staleness {row.staleness}" if row.staleness else "", 0),
+            ],
+            width,
         )
-    return (
-        f"checkpoint {row.episode:>3}  {row.level:<6}  {row.mode} {row.normalised_return:7.3f}  "
-        f"arrived {row.arrived_share:.0%}  all arrived {row.all_arrived_share:.0%}  steps {row.mean_steps:.0f}"
-        f"{'' if row.score is None else f'  score {row.score:.3f}'}"
+    return fitted(
+        [
+            (f"checkpoint {row.episode:>3}", 0),
+            (f"{row.level:<6}", 0),
+            (f"{row.mode} {row.normalised_return:7.3f}", 0),
+            (f"arrived {row.arrived_share:.0%}", 0),
+            (f"all arrived {row.all_arrived_share:.0%}", 0),
+            (f"steps {row.mean_steps:.0f}", 1),
+            ("" if row.score is None else f"score {row.score:.3f}", 0),
+        ],
+        width,
     )
 
 

@@ -8,7 +8,7 @@ from railctl.common.records.control import Status
 from railctl.deploy.events import last_events
 from railctl.deploy.far import place_of, reach_far
 from railctl.deploy.follow import live_status, status_from_files
-from railctl.deploy.output import AsJson, Keys, RunOrAddress, console, one_line_errors, print_table
+from railctl.deploy.output import AsJson, Keys, RunOrAddress, console, line_width, one_line_errors, print_table
 from railctl.deploy.runs import find_run, reach
 from railctl.deploy.show import event_line, process_table, progress_line
 
@@ -29,7 +29,9 @@ def status(run: RunOrAddress = None, keys: Keys = None, as_json: AsJson = False)
         document = found.model_dump(mode="json") | {"events": [event.model_dump(mode="json") for event in events]}
         print(json.dumps(document, indent=2))
         return
-    console.print(f"{found.run}: {progress_line(found)}", markup=False, soft_wrap=True)
+    head, width = f"{found.run}: ", line_width()
+    room = None if width is None else width - len(head)
+    console.print(f"{head}{progress_line(found, room)}", markup=False, soft_wrap=True)
     if found.processes:
         print_table(process_table(found))
     for problem in found.problems:

@@ -12,7 +12,7 @@ from railctl.common.locks import living
 from railctl.common.records.rows import EpisodeRow, EvaluationRow
 from railctl.deploy.far import Place, place_of, reach_far
 from railctl.deploy.follow import Rows, rows_from_files
-from railctl.deploy.output import Keys, RunOrAddress, console, one_line_errors
+from railctl.deploy.output import Keys, RunOrAddress, console, line_width, one_line_errors
 from railctl.deploy.runs import find_run, reach
 from railctl.deploy.show import row_line
 
@@ -63,4 +63,4 @@ def _print(rows: Iterable[EpisodeRow | EvaluationRow], *, as_json: bool) -> None
         if as_json:
             print(row.model_dump_json(by_alias=True), flush=True)
         else:
-            console.print(row_line(row), markup=False, soft_wrap=True)
+            console.print(row_line(row, line_width()), markup=False, soft_wrap=True)

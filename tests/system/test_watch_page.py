@@ -255,9 +255,9 @@ def test_trains_are_played_step_by_step(trains):
 
 
 def test_a_train_that_is_chosen_says_what_it_thought_and_saw(trains):
-    assert "Train 1" in trains.text(".inspector h2")
+    assert "Train 0" in trains.text(".inspector h2")
     trains.press(Press.ARROW_DOWN)
-    assert "Train 2" in trains.text(".inspector h2")
+    assert "Train 1" in trains.text(".inspector h2")
     assert "has not decided anything yet" in trains.text(".inspector")
     trains.press("]")
     trains.until_text(".place", "step 3 /")
@@ -266,9 +266,9 @@ def test_a_train_that_is_chosen_says_what_it_thought_and_saw(trains):
     assert "forward, chosen75%" in choices
     assert "left, not allowed" in choices
     assert "near1" in trains.text(".saw")
-    assert trains.all(".map .train.selected title")[0].get_attribute("textContent") == "Train 2, moving"
+    assert trains.all(".map .train.selected title")[0].get_attribute("textContent") == "Train 1, moving"
     trains.click("#train-0")
-    assert "Train 1" in trains.text(".inspector h2")
+    assert "Train 0" in trains.text(".inspector h2")
 
 
 def test_a_button_that_is_drawn_anew_keeps_the_focus(trains):

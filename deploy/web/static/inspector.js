@@ -46,7 +46,7 @@ export class Inspector {
       ...(task.departs === null ? [] : [["timetable", `departs from step ${task.departs}, due by step ${task.due}`]]),
     ];
     replace(this.element,
-      h("header", {}, h("h2", {}, `Train ${train + 1}`), h("span", { class: "grow" }),
+      h("header", {}, h("h2", {}, `Train ${train}`), h("span", { class: "grow" }),
         this.jump([icon("back"), "decision"], this.neighbour(train, step, -1)), this.jump(["decision", icon("on")], this.neighbour(train, step, 1))),
       h("dl", { class: "facts" }, facts.map(([name, value]) => [h("dt", {}, name), h("dd", {}, value)])),
       decision === null ? h("p", { class: "quiet" }, "It has not decided anything yet.") : [this.choices(decision, step), this.observation(decision)]);

@@ -53,7 +53,7 @@ export class RailMap {
     const body = s("path", { class: `body f${colour(train)}`, d: BODY });
     const turn = s("g", {}, body);
     const ring = s("circle", { class: "ring", r: 0.66 });
-    const label = s("text", { class: "number", y: 0.14 }, String(train + 1));
+    const label = s("text", { class: "number", y: 0.14 }, String(train));
     const sign = s("text", { class: "sign", x: 0.4, y: -0.26 });
     const words = s("title");
     const group = s("g", { class: `train c${colour(train)}`, onclick: () => this.onSelect(train) }, ring, turn, label, sign, words);
@@ -76,7 +76,7 @@ export class RailMap {
       one.group.setAttribute("class", `train c${colour(train)} is-${states[state]}${train === selected ? " selected" : ""}${faint}`);
       one.turn.setAttribute("transform", `rotate(${TURNS[this.heading(heading)]})`);
       one.sign.textContent = flags & JAMMED ? "✕" : malfunction > 0 ? "!" : flags & LATE ? "L" : "";
-      one.words.textContent = `Train ${train + 1}, ${states[state]}${flags & JAMMED ? ", jammed" : ""}${malfunction ? `, broken down for ${malfunction} steps` : ""}`;
+      one.words.textContent = `Train ${train}, ${states[state]}${flags & JAMMED ? ", jammed" : ""}${malfunction ? `, broken down for ${malfunction} steps` : ""}`;
     });
     const shown = level.trains.map((_, train) => train).filter((train) => this.few || train === selected);
     replace(this.trails, shown.map((train) => s("path", { class: `trail c${colour(train)}${train === selected ? " selected" : ""}`, d: this.trail(train, step) })));
@@ -93,9 +93,9 @@ export class RailMap {
       const [y, x] = this.place(row, column);
       const arrived = this.document.steps[step][train][0] === ARRIVED;
       return s("g", { class: `target${train === selected ? " selected" : ""}${arrived ? " reached" : ""}`, transform: `translate(${x + 0.5 + at * 0.66} ${y + 0.5})`, onclick: () => this.onSelect(train) },
-        s("path", { class: `flag f${colour(train)}`, d: FLAG }), s("text", { class: "number", x: 0.08, y: -0.06 }, String(train + 1)),
+        s("path", { class: `flag f${colour(train)}`, d: FLAG }), s("text", { class: "number", x: 0.08, y: -0.06 }, String(train)),
         arrived && s("text", { class: "sign", x: 0.08, y: -0.5 }, "✓"),
-        s("title", {}, `Target of train ${train + 1}${arrived ? ", which has arrived" : ""}`));
+        s("title", {}, `Target of train ${train}${arrived ? ", which has arrived" : ""}`));
     }));
   }
 

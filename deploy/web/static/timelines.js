@@ -32,7 +32,7 @@ export class Timelines {
         this.onSeek(Math.round(((event.clientX - box.left) / box.width) * last));
       }
       this.onSelect(train);
-    } }, h("span", { class: `tag b${colour(train)}` }, String(train + 1)), state, strip);
+    } }, h("span", { class: `tag b${colour(train)}` }, String(train)), state, strip);
     return { element, cursor, state };
   }
 

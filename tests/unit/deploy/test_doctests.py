@@ -14,7 +14,7 @@ import pytest
         ("railctl.common.wire.codec", 2),
         ("railctl.deploy.resolve", 2),
         ("railctl.deploy.plan", 1),
-        ("railctl.deploy.show", 2),
+        ("railctl.deploy.show", 3),
         ("railctl.deploy.web.serving", 1),
         ("railctl.analysis.statistics", 2),
         ("railctl.deploy.web.thinning", 1),

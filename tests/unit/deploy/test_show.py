@@ -259,3 +259,22 @@ def test_a_row_is_a_line_of_its_figures():
     assert row_line(evaluation(50)) == (
         "checkpoint  50  easy    greedy  -0.250  arrived 75%  all arrived 50%  steps 42"
     )
+
+
+@pytest.mark.parametrize("width", [70, 80, 100])
+def test_lines_fit_a_terminal_and_keep_names_as_long_as_they_can(width):
+    lines = [row_line(episode(7), width), row_line(evaluation(50), width), progress_line(status(), width)]
+    assert max(map(len, lines)) <= width
+    assert ("actor-easy-0" in lines[0], "epsilon" in lines[0]) == (width >= 80, width >= 100)
+    assert "2.5 ep/s" in lines[2]
+
+
+def test_names_are_not_cut_even_if_there_is_no_room():
+    assert LONG in row_line(episode(7, level=LONG), 40)
+
+
+def test_nothing_of_the_live_view_breaks_within_words_at_80_columns():
+    lines = rendered(view(status(), [evaluation(50)]), 80).splitlines()
+    assert max(map(len, lines)) <= 80
+    for words in ("return of the last 100: -0.375", "2 leased  3 waiting", "last heartbeat", "waiting to restart"):
+        assert any(words in line for line in lines), words
