@@ -54,13 +54,6 @@ def last_rows(path: Path, record_type: type[R], count: int) -> tuple[int, list[R
     return total, [row_of(path, record_type, number, line) for number, line in enumerate(lines, start=first)]
 
 
-def whole_lines_from(path: Path, offset: int) -> Iterator[bytes]:
-    """The whole lines of a file from a byte on, where a line begins."""
-    with open_at_once(path) as file:
-        file.seek(offset)
-        yield from _whole_lines(file)
-
-
 class RowFile(Generic[R]):
     """A row file that one process writes. Its rows stay on disk; in memory is where every thousandth of them begins.
 

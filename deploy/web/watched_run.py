@@ -14,11 +14,11 @@ from railctl.common.rows import DamagedRows
 from railctl.common.strict import ConfigError
 from railctl.deploy.events import last_events
 from railctl.deploy.follow import Rows, live_status, rows_from_files, status_from_files
+from railctl.deploy.growing import GrowingFile
 from railctl.deploy.runs import reach
 from railctl.deploy.view import run_view
 from railctl.deploy.web.history import History, Metrics, evaluation_document
 from railctl.deploy.web.looker import Looker
-from railctl.deploy.web.row_follower import RowFollower
 
 ROWS_S = 0.25  # a wait for the next row
 STATUS_EVERY_S = 1.0
@@ -40,7 +40,7 @@ class WatchedRun(Looker):
         self._config: RunConfig | None = None
         self._history = History(0)
         self._metrics = Metrics()
-        self._metric_rows = RowFollower(folder.metrics_file, MetricRow.model_validate_json)
+        self._metric_rows = GrowingFile(folder.metrics_file, MetricRow.model_validate_json)
         self._events: tuple[Stamp, list[EventRow]] = ((), [])
         self._shown_evaluations: tuple[History, int] | None = None
         self._curves_due = 0.0

@@ -11,9 +11,9 @@ from railctl.analysis.study import PlannedRun, Study, StudyFolder, read_study
 from railctl.common.folder import RunFolder
 from railctl.common.rows import DamagedRows
 from railctl.common.strict import ConfigError
+from railctl.deploy.growing import GrowingFile
 from railctl.deploy.study.progress import Looking, RunProgress, StudyProgress, status_document
 from railctl.deploy.web.looker import Looker
-from railctl.deploy.web.row_follower import RowFollower
 from railctl.deploy.web.scores import references_of, scored
 from railctl.deploy.web.thinning import block_size, blocks
 
@@ -42,7 +42,7 @@ class RunReturns:
     """The returns of a run so far."""
 
     def __init__(self, folder: RunFolder) -> None:
-        self._rows = RowFollower(folder.episodes_file, return_of)
+        self._rows = GrowingFile(folder.episodes_file, return_of)
         self._returns: list[float] = []
 
     def read(self) -> np.ndarray[Any, np.dtype[np.float32]]:

@@ -42,7 +42,11 @@ def test_with_the_key_the_page_steers():
     assert refused("POST", "/api/steer", STEERS) is None
 
 
-@pytest.mark.parametrize("key", [None, "", "wrong", KEYS.key[:-1], KEYS.key + "x", "ключ"])
+@pytest.mark.parametrize(
+    "key",
+    [None, "", "wrong", KEYS.key[:-1], KEYS.key + "x", "ключ"],
+    ids=["none", "empty", "wrong", "short", "long", "no letters of ASCII"],
+)
 def test_without_the_key_nobody_steers(key):
     headers = {name: value for name, value in STEERS.items() if name != KEY_HEADER}
     raw = [(name.encode(), value.encode()) for name, value in headers.items()]
