@@ -218,7 +218,7 @@ def test_a_truncated_file_is_refused(length):
 
 
 def test_needs_no_torch():
-    code = "import sys, common.checkpoint; sys.exit('torch' in sys.modules)"
+    code = "import sys, railctl.common.checkpoint; sys.exit('torch' in sys.modules)"
     assert subprocess.run([*PYTHON, "-c", code], check=False).returncode == 0
 
 
