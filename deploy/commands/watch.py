@@ -29,14 +29,17 @@ def watch(
     """Show runs and studies live in the browser: curves, actors to scale, and trains as they are driven."""
     catalogue = catalogue_of(names or [])
     keys = Keys(read_only=read_only)
-    with listen(port) as listening:
-        url = address(listening, catalogue, keys)
-        console.print(f"watch    {url}", markup=False, soft_wrap=True)
-        if not read_only:
-            console.print("this address has a key to steer runs with: keep it to yourself", markup=False)
-        console.print("Ctrl-C ends it; runs go on", markup=False)
-        if browser:
-            with opened(url):
+    try:
+        with listen(port) as listening:
+            url = address(listening, catalogue, keys)
+            console.print(f"watch    {url}", markup=False, soft_wrap=True)
+            if not read_only:
+                console.print("this address has a key to steer runs with: keep it to yourself", markup=False)
+            console.print("Ctrl-C ends it; runs go on", markup=False)
+            if browser:
+                with opened(url):
+                    serve(catalogue, listening, keys)
+            else:
                 serve(catalogue, listening, keys)
-        else:
-            serve(catalogue, listening, keys)
+    except KeyboardInterrupt:
+        pass  # before it was served

@@ -37,7 +37,7 @@ def shortened(arguments: list[str]) -> list[str]:
         case ["bench", "cluster", *_]:
             less = [*without(arguments, "--episodes"), "--episodes", "4"]
         case ["bench", "loop", *_]:
-            less = [*without(arguments, "--episodes"), "--episodes", "2", "--repeats", "1"]
+            less = [*without(arguments, "--episodes"), "--episodes", "20", "--repeats", "1"]
         case ["bench", *_]:
             less = [*arguments, "--repeats", "1"]
         case ["evaluate", *_] if "--levels" not in arguments:

@@ -24,7 +24,14 @@ BLOCK = re.compile(r"^```(console|sh)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 RAILCTL = Path(sys.executable).with_name("railctl")
 ELSEWHERE = ("sbatch", "kubectl", "docker", "scp")  # commands that stand-ins carry out
 UNTIL_INTERRUPTED = ("railctl tail live", "railctl watch", "railctl relay", "railctl join")
-HERE = {"node1": "localhost", "gate2": "localhost", "/shared/me/": "shared/", "mkdir -m 700 keys": "true"}
+HERE = {  # what is there otherwise on one machine
+    "keys create --host node1": "keys create --host localhost --relay localhost",
+    "node1": "localhost",
+    "--keys keys --listen tls/0.0.0.0:7447": "--keys keys --listen tls/0.0.0.0:7448",  # of the relay
+    "/shared/me/": "shared/",
+    "mkdir -m 700 keys": "true",
+    "railctl study report thesis  ": "railctl study run thesis && railctl study report thesis  ",  # its jobs are done
+}
 PATIENCE_S = 400
 RUNS = {  # that commands name
     "demo": "--algorithm dddqn --level easy --episodes 300 --set evaluation.every_episodes=100",
@@ -63,7 +70,7 @@ def runs(tmp_path_factory):
 def shell(tmp_path, runs):
     """A folder as a user would have it, and the environment of a shell there; what runs at the end is ended."""
     shutil.copytree(runs, tmp_path / "runs")
-    for part in ("tests", "results", ".venv", "docs", "examples", "pyproject.toml"):
+    for part in ("tests", ".venv"):  # what is only read
         if (ROOT / part).exists():
             (tmp_path / part).symlink_to(ROOT / part)
     (tmp_path / "rush.yaml").write_text("levels: {rush: {rules: stock, size: [30, 30], trains: 4, cities: 2}}\n")

@@ -156,7 +156,7 @@ def test_a_train_is_seen_and_decides_as_the_study_says(tmp_path):
 def test_a_policy_refuses_other_observations_and_environments(policy_of, tmp_path):
     env = environment_of(LevelSupply().evaluation("easy", 0), tmp_path)
     env.obs_builder = DummyObservationBuilder()
-    with pytest.raises(click.ClickException, match="needs --obs-builder railctl.adapters"):
+    with pytest.raises(click.ClickException, match=r"needs --obs-builder railctl\.adapters"):
         run(env, policy_of())
     env.obs_builder = StudyObservation()
     env.obs_builder.reset(env)

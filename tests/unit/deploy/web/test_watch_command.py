@@ -8,7 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from railctl.deploy.cli import app
 from railctl.deploy.runs import Failed
 from railctl.deploy.web import serving
 from railctl.deploy.web.catalogue import Catalogue
@@ -98,3 +100,13 @@ def test_a_signal_ends_it_at_once_also_while_somebody_listens(make, number):
             process.send_signal(number)
             _, said = process.communicate(timeout=30)
     assert (process.returncode, said) == (0, "")
+
+
+def test_ctrl_c_before_anything_is_served_ends_it_quietly(root, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("railctl.deploy.commands.watch.serve", interrupted)
+    result = CliRunner().invoke(app, ["watch", "--port", "0", "--no-open"])
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert result.stdout.startswith("watch    http://127.0.0.1:")
