@@ -104,8 +104,8 @@ def begin_held(clusters, name, address, keys):
 
 
 def join_by(clusters, address, keys, *before):
-    """Start `railctl join`."""
-    return clusters.start_by(before, "join", address, "--keys", str(keys), "--actors", "easy=1")
+    """Start `railctl join`, which waits until the run listens: `up --detach` returns before."""
+    return clusters.start_by(before, "join", address, "--keys", str(keys), "--actors", "easy=1", "--wait", "300")
 
 
 def far_actors(clusters, name):
