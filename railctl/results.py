@@ -12,14 +12,13 @@ from railctl.common.levels.bank import bank_root
 from railctl.common.requests import LevelChoice, ReferenceRequest, ScoreRequest
 from railctl.common.rules.settings import Mode
 from railctl.common.strict import ConfigError, Strict, describe
+from railctl.deploy.commands.evaluate import SCORER
 from railctl.deploy.commands.references import REFERENCE_SCORER, REFERENCES, check_reference, found_checkpoint
 from railctl.deploy.levels import levels_of_run_file
 from railctl.deploy.runs import runs_root
 from railctl.deploy.task import run_task
 from railctl.policies import Policy
 from railctl.trained import Run
-
-SCORER = "railctl.services.evaluator.score"
 
 R = TypeVar("R", bound=Strict)
 

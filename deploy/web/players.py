@@ -9,7 +9,8 @@ from railctl.common.levels.distributions import LevelFiles
 from railctl.common.requests import LevelChoice, PlaybackRequest, ReferenceRequest
 from railctl.common.strict import ConfigError, nearest
 from railctl.deploy.commands.references import REFERENCES
-from railctl.deploy.runs import find_checkpoint, pretrained, runs_root
+from railctl.deploy.playback import playback_request
+from railctl.deploy.runs import pretrained, runs_root
 
 CHECKPOINT = "checkpoint:"
 
@@ -31,7 +32,7 @@ def players_of(folder: RunFolder) -> dict[str, Any]:
     }
 
 
-def playback_request(folder: RunFolder, player: str, level: str, number: int, file: Path) -> PlaybackRequest:
+def page_request(folder: RunFolder, player: str, level: str, number: int, file: Path) -> PlaybackRequest:
     """A player plays evaluation level `number` of a level of a run.
 
     Args:
@@ -49,13 +50,11 @@ def playback_request(folder: RunFolder, player: str, level: str, number: int, fi
     count = folder.config().world.levels[level].evaluation_levels
     if not 0 <= number < count:
         raise ConfigError(f"number {number}: {level} has evaluation levels 0 to {count - 1}")
-    if player in REFERENCES:
-        return PlaybackRequest.model_validate({"policy": player, "levels": levels, "number": number, "file": file})
-    return PlaybackRequest(checkpoint=_checkpoint(folder, player), levels=levels, number=number, file=file)
+    return playback_request(_policy(folder, player), levels, number, file)
 
 
 def reference_request(folder: RunFolder, policy: str, level: str) -> ReferenceRequest:
-    """A reference policy plays the evaluation levels on which a run is evaluated; raises as `playback_request`."""
+    """A reference policy plays the evaluation levels on which a run is evaluated; raises as `page_request`."""
     if policy not in REFERENCES:
         raise ConfigError(f"policy {policy}{nearest(policy, list(REFERENCES))}")
     choice = _choice(folder, level).model_copy(update={"episodes": folder.config().evaluation.levels})
@@ -70,13 +69,14 @@ def _choice(folder: RunFolder, level: str) -> LevelChoice:
     return LevelChoice(names=(level,), own=own, base=folder.path.resolve(), bank=bank_root(runs_root()).resolve())
 
 
-def _checkpoint(folder: RunFolder, player: str) -> Path:
+def _policy(folder: RunFolder, player: str) -> str:
+    """A player by a name that `railctl evaluate` takes; raises ConfigError."""
     if player.startswith(CHECKPOINT):
         number = player.removeprefix(CHECKPOINT)
         path = folder.checkpoints / f"{int(number):08}.safetensors" if number.isdecimal() else None
         if path is None or not path.is_file():
             raise ConfigError(f"player {player}: the run has no such checkpoint")
-        return path.resolve()
-    if player in pretrained():
-        return find_checkpoint(player)
+        return str(path.resolve())
+    if player in (*pretrained(), *REFERENCES):
+        return player
     raise ConfigError(f"player {player}: use checkpoint:EPISODES, {', '.join([*pretrained(), *REFERENCES])}")

@@ -19,11 +19,13 @@ from railctl.common.folder import RunFolder
 from railctl.common.levels.distributions import LevelFiles
 from railctl.common.rows import DamagedRows
 from railctl.common.strict import ConfigError, describe
+from railctl.deploy.commands.references import REFERENCE_SCORER
+from railctl.deploy.playback import PLAYER
 from railctl.deploy.runs import Failed
 from railctl.deploy.web.catalogue import Catalogue
 from railctl.deploy.web.guard import KEY_HEADER, Guard, Keys
 from railctl.deploy.web.listeners import Ending
-from railctl.deploy.web.players import playback_request, players_of, reference_request
+from railctl.deploy.web.players import page_request, players_of, reference_request
 from railctl.deploy.web.scores import references_of
 from railctl.deploy.web.steering import Steer, steer
 from railctl.deploy.web.stream import MEDIA_TYPE, events
@@ -31,7 +33,6 @@ from railctl.deploy.web.tasks import Busy, Tasks
 from railctl.deploy.web.watching import Watching
 
 STATIC = Path(__file__).parent / "static"
-PLAYBACK, REFERENCES = "railctl.services.evaluator.playback", "railctl.services.evaluator.references"
 MOST_SHOWN = 24  # runs in one tab
 MOST_BODY_BYTES = 10_000
 JSON = "application/json"
@@ -78,14 +79,14 @@ class Page:
         if not number.isdecimal() or len(number) > 9:
             return _wrong(f"number {number}: use the number of an evaluation level", 400)
         folder = self._catalogue.run(run)
-        playback_request(folder, player, level, int(number), Path())  # or it is wrong before it waits for its turn
+        page_request(folder, player, level, int(number), Path())  # or it is wrong before it waits for its turn
 
         def made(file: Path) -> str:
-            request_json: str = playback_request(folder, player, level, int(number), file).model_dump_json()
+            request_json: str = page_request(folder, player, level, int(number), file).model_dump_json()
             return request_json
 
         key = json.dumps([str(folder.path), player, level, number])
-        return _compressed(await self.tasks.content(PLAYBACK, key, made))
+        return _compressed(await self.tasks.content(PLAYER, key, made))
 
     async def references(self, request: Request) -> Response:
         """What reference policies reach on the levels on which a run is evaluated, as far as its study knows."""
@@ -98,7 +99,7 @@ class Page:
         run, policy, level = (str(body.get(name, "")) for name in ("run", "policy", "level"))
         folder = self._catalogue.run(run)
         asked = reference_request(folder, policy, level).model_dump_json()
-        return _compressed(await self.tasks.content(REFERENCES, asked, lambda _file: asked))
+        return _compressed(await self.tasks.content(REFERENCE_SCORER, asked, lambda _file: asked))
 
     async def steer(self, request: Request) -> Response:
         """Carry out a command."""

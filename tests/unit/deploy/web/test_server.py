@@ -132,7 +132,7 @@ def test_a_level_is_played_once(make, asking, tasks):
     first, second = (asking.get("/api/playback", **PLAYBACK) for _ in range(2))
     assert first.body == second.body
     [(module, request)] = tasks
-    assert (module, request["policy"], request["number"]) == (server.PLAYBACK, "random", 3)
+    assert (module, request["policy"], request["number"]) == (server.PLAYER, "random", 3)
     assert request["levels"]["names"] == ["easy"]
     (folder.checkpoints / "00000020.safetensors").touch()
     asking.get("/api/playback", **PLAYBACK | {"player": "checkpoint:20"})
@@ -173,7 +173,7 @@ def test_reference_policies_are_scored_by_who_steers(make, asking, tasks):
     assert asking.post("/api/references", wanted, key=False).code == 403
     assert asking.post("/api/references", wanted).code == 200
     [(module, request)] = tasks
-    assert (module, request["policy"], request["levels"]["episodes"]) == (server.REFERENCES, "planner", 20)
+    assert (module, request["policy"], request["levels"]["episodes"]) == (server.REFERENCE_SCORER, "planner", 20)
     assert asking.post("/api/references", wanted | {"policy": "nosuch"}).code == 400
 
 
