@@ -63,8 +63,12 @@ def _works_already(folder: StudyFolder, pid: int | None) -> Failed:
 
 def carry_out(
     folder: StudyFolder, study: Study, cores: int, console: Console, share: Share | None = None
-) -> Dispatcher:
-    """Do all that is left to do of a study, its report included, or of a share of it, without."""
+) -> tuple[Dispatcher, bool]:
+    """Do all that is left to do of a study, its report included, or of a share of it, without.
+
+    Returns:
+        How far it came, and whether SIGTERM stopped it.
+    """
     configs = configurations(study, cores)
     progress = Looking(folder, study).look()
     alive = {run for run in planned_runs(study) if living(RunFolder(folder.run(run)))}
@@ -75,5 +79,6 @@ def carry_out(
         build_levels(study, configs, bank_root(runs_root()), cores)
     with StudyView(folder, study, cores, console, None if share is None else share.runs(study)) as view:
         runner = Runner(folder, study, configs, jobs, bank_root(runs_root()), view)
-        runner.run(Stopping())
-    return runner.mind
+        stopping = Stopping()
+        runner.run(stopping)
+    return runner.mind, stopping.terminated

@@ -141,15 +141,16 @@ def test_what_was_done_elsewhere_is_not_done_again(clusters, described, left_alo
 
 
 @pytest.mark.slow
-def test_ctrl_c_stops_cleanly_and_says_how_to_go_on(clusters, described, left_alone):
-    run = ("study", "run", str(described), "--name", "study-interrupted")
-    folder = folder_of(clusters, "study-interrupted")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 1)])
+def test_a_signal_stops_cleanly_and_is_told_how_to_go_on(clusters, described, left_alone, number, code):
+    run = ("study", "run", str(described), "--name", f"study-stopped-{code}")
+    folder = folder_of(clusters, f"study-stopped-{code}")
     command = clusters.start(*run)
     runs = hold(clusters, folder)
-    command.send_signal(signal.SIGINT)
+    command.send_signal(number)
     output, errors = command.communicate(timeout=60)
-    assert command.returncode == 0, errors
-    assert f"stopped; railctl study run {described} --name study-interrupted goes on" in output
+    assert command.returncode == code, errors
+    assert f"stopped; railctl study run {described} --name study-stopped-{code} goes on" in (errors if code else output)
     assert not any(map(living, runs))
     for one in runs:
         one.paused_file.unlink()

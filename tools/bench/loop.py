@@ -96,6 +96,8 @@ def samples(name: str, ours: Training, theirs: Training, learn_every_steps: int)
     for trained in sides:
         counted = trained[first + 1 :]
         steps, updates = sum(one.steps for one in counted), sum(one.updates for one in counted)
+        if not counted:
+            raise DisagreementError("no episode is left after the first that learned: use more episodes")
         if not updates or abs(updates - steps / learn_every_steps) > 1:
             raise DisagreementError(
                 f"there were {updates} updates in {steps} steps, one every {learn_every_steps} is due"

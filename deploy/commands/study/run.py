@@ -45,7 +45,7 @@ def run(
         write_atomically(folder.results, archived)
     with alone(folder, own):
         try:
-            mind = carry_out(folder, study, used, console, own)
+            mind, terminated = carry_out(folder, study, used, console, own)
         except KeyboardInterrupt:
             console.print(f"stopped; {goes_on}", markup=False, soft_wrap=True)
             return
@@ -62,6 +62,8 @@ def run(
         for job, reason in mind.failures.items():
             console.print(f"! {job.name}: {reason}", markup=False, soft_wrap=True)
         raise Failed(f"{len(mind.failures)} of study {study.name} failed: {goes_on.replace('goes on', 'tries again')}")
+    if terminated:  # whoever sent it shall not take the study for done
+        raise Failed(f"SIGTERM: stopped; {goes_on}")
     if mind.stopping:
         console.print(f"stopped; {goes_on}", markup=False, soft_wrap=True)
 

@@ -103,7 +103,7 @@ def test_rates_are_those_after_the_first_update():
     ("updates", "text"),
     [
         ((0, 1, 2, 5), "there were 7 updates in 120 steps, one every 30 is due"),
-        ((0, 0, 0, 2), "there were 0 updates in 0 steps, one every 30 is due"),
+        ((0, 0, 0, 2), "no episode is left after the first that learned: use more episodes"),
         ((0, 0, 0, 0), "the replay never held a batch: use more episodes"),
     ],
 )
