@@ -27,7 +27,9 @@ class Stranger:
         self._namespace = namespace
         self._heard = heard
         key = f"{namespace}/{keys.FRAGMENTS.key}"
-        self._listens = session.declare_subscriber(key, lambda sample: heard.append(sample.payload.to_bytes()))
+        others = zenoh.Locality.REMOTE  # its own garbage is nothing to forge messages from
+        listen = session.declare_subscriber
+        self._listens = listen(key, lambda sample: heard.append(sample.payload.to_bytes()), allowed_origin=others)
 
     def garbage(self, rng: random.Random) -> None:
         """Random bytes everywhere, with and without the right encoding."""
