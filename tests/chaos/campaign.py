@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -24,7 +25,7 @@ sys.path.insert(0, str(ROOT))
 
 from faults import Fault, drawn  # noqa: E402
 from inject import inject  # noqa: E402
-from strangers import Stranger, stranger  # noqa: E402
+from strangers import Gone, Stranger, stranger  # noqa: E402
 
 from railctl.common.config import RunConfig  # noqa: E402
 from railctl.common.folder import RunFolder  # noqa: E402  (the project's root first)
@@ -125,13 +126,12 @@ class Campaign:
     def _disturb(self, run: RunFolder, waiting: list[Fault]) -> None:
         """Until there are no more faults, or the run is over; where it was taken up again it may have a new socket."""
         heard: deque[bytes] = deque(maxlen=HEARD)
-        goes_on = True
-        while goes_on:
-            with stranger(*run.endpoint_and_namespace(), heard) as intruder:
-                resumed = 0
-                while goes_on and not resumed:
-                    goes_on = bool(waiting) and self._reaches(run, _trained(run) + waiting[-1].after)
-                    resumed = self._meet(run, waiting.pop(), intruder) if goes_on else 0
+        resumed = 1
+        while resumed and supervised(run):
+            resumed = 0
+            with suppress(Gone), stranger(*run.endpoint_and_namespace(), heard) as intruder:
+                while not resumed and waiting and self._reaches(run, _trained(run) + waiting[-1].after):
+                    resumed = self._meet(run, waiting.pop(), intruder)
 
     def _meet(self, run: RunFolder, fault: Fault, intruder: Stranger) -> int:
         """One fault; returns how often the run had to be taken up again."""

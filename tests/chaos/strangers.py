@@ -16,6 +16,7 @@ from railctl.common.wire import keys
 from railctl.common.wire.codec import decode, encode, encoding_of
 
 ASK_S = 5.0
+ROUTER_S = 60.0  # one that was killed comes back sooner
 
 
 class Stranger:
@@ -122,14 +123,31 @@ def _ask(bus: Bus, request: LeaseRequest) -> None:
         bus.ask(keys.LEASE, request, ASK_S)
 
 
+class Gone(Exception):  # noqa: N818  (the run is over)
+    """Nobody listens where the run's router was."""
+
+
 @contextmanager
 def stranger(endpoint: str, namespace: str, heard: deque[bytes]) -> Iterator[Stranger]:
-    """Somebody who listens in, adds to what was `heard` before, and reconnects as everybody does."""
+    """Somebody who listens in, adds to what was `heard` before, and reconnects as everybody does.
+
+    Raises:
+        Gone: there was no router.
+    """
+    timeout_ms = int(ROUTER_S * 1000)
     settings = {
         "mode": "client",
-        "connect": {"endpoints": [endpoint], "timeout_ms": -1, "retry": {"period_init_ms": 20, "period_max_ms": 500}},
+        "connect": {
+            "endpoints": [endpoint],
+            "timeout_ms": timeout_ms,
+            "retry": {"period_init_ms": 20, "period_max_ms": 500},
+        },
         "scouting": {"multicast": {"enabled": False}},
         "transport": {"shared_memory": {"enabled": False}},
     }
-    with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as session:
+    try:
+        opened = zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
+    except zenoh.ZError:
+        raise Gone from None
+    with opened as session:
         yield Stranger(session, endpoint, namespace, heard)
