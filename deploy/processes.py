@@ -12,7 +12,7 @@ from railctl.common.bus import Bus
 from railctl.common.folder import RunFolder
 from railctl.common.inbox import Inbox
 from railctl.common.locks import holder, living
-from railctl.common.process import EXIT_RUNS_ALREADY, STARTING, Stopping
+from railctl.common.process import EXIT_FATAL, EXIT_RUNS_ALREADY, STARTING, Stopping
 from railctl.common.records.heartbeats import Heartbeat
 from railctl.common.records.rows import EventKind
 from railctl.deploy.events import DamagedSnapshots, EventLog, changes
@@ -100,7 +100,7 @@ class Processes(ABC):
             if code == EXIT_RUNS_ALREADY and (pid := holder(self._folder, name)) is not None:
                 self._adopt(name, pid)  # an earlier supervisor's, which had not taken its place yet
             else:
-                self._handle(Exited(name, code, last_words(self._folder, name, self._log_starts.get(name, 0))))
+                self._handle(Exited(name, code, last_words(self._folder, name, code, self._log_starts.get(name, 0))))
 
     def _adopt(self, name: str, pid: int) -> None:
         log.info("takes over %s, process %d", name, pid)
@@ -163,14 +163,19 @@ class Processes(ABC):
                 log.info("%s is gone already", process)
 
 
-def last_words(folder: RunFolder, name: str, start: int = 0) -> str:
-    """The last error in a process's log from byte `start` on, or its last line, short."""
+def last_words(folder: RunFolder, name: str, code: int | None, start: int = 0) -> str:
+    """The last error in a process's log from byte `start` on, or its last line, short.
+
+    Who ends with `EXIT_FATAL` has logged why. Where that is missing there was no room for it, as for all else.
+    """
     try:
         with (folder.logs / f"{name}.log").open("rb") as file:
             file.seek(start)
             lines = file.read().decode(errors="replace").splitlines()[-50:]
     except OSError:
-        return ""
+        lines = []
     errors = [line.split(": ", 1)[1] for line in lines if " ERROR " in line and ": " in line]
+    if code == EXIT_FATAL and not errors:
+        return f"it could not even write its log: make room, then railctl up --name {folder.path.name} goes on"
     words = (errors or lines or [""])[-1]
     return words[:LAST_WORDS_CHARACTERS]

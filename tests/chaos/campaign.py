@@ -155,6 +155,7 @@ class Campaign:
             self._wait(run, lambda: _trained(run) > trained or not supervised(run))
             if supervised(run) or _is_finished(run):
                 return resumed
+            self._say(f"      {run.path.name} {_why(run)}")
             self._up(run)
             resumed += 1
 
@@ -208,6 +209,12 @@ def _trained(run: RunFolder) -> int:
 
 def _is_finished(run: RunFolder) -> bool:
     return (outcome := run.outcome()) is not None and outcome.outcome == "finished"
+
+
+def _why(run: RunFolder) -> str:
+    """How a run ended that its supervisor has left."""
+    outcome = run.outcome()
+    return "lost its supervisor" if outcome is None else f"{outcome.outcome}: {outcome.reason}"
 
 
 def _kill_all(run: RunFolder) -> None:
