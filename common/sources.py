@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-ROOT = Path(__file__).absolute().parents[2]
+PACKAGE = Path(__file__).absolute().parents[1]  # beside it may lie all that is installed, which is not ours
 SETTLED_S = 2.0  # what changed just before may change again within one tick of the file system's clock
 
 Stamp = list[int]
@@ -105,6 +105,9 @@ def _imports(path: Path) -> tuple[str, ...]:
 
 
 def _places(module: str, beside: Path) -> Iterator[Path]:
-    """Where a module may lie: below the root, or beside who imports it."""
-    for folder in dict.fromkeys((ROOT, beside)):
-        yield folder.joinpath(*module.split("."))
+    """Where a module of ours may lie: in the package, or beside who imports it."""
+    first, *rest = module.split(".")
+    if first != PACKAGE.name:
+        yield beside.joinpath(first, *rest)
+    elif rest:
+        yield PACKAGE.joinpath(*rest)

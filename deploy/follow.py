@@ -6,22 +6,22 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from heapq import merge
-from itertools import islice
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from railctl.common.bus import Bus, NoAnswer
 from railctl.common.folder import RunFolder
 from railctl.common.locks import living
 from railctl.common.recent import RECENT_EPISODES, mean_of
 from railctl.common.records.control import Empty, ProcessStatus, Progress, RunState, Status
-from railctl.common.records.rows import EpisodeRow, EvaluationRow, HistoryRequest
+from railctl.common.records.rows import HISTORY_PATIENCE_S, EpisodeRow, EvaluationRow, HistoryRequest
 from railctl.common.rows import each_row, last_rows
 from railctl.common.wire import keys
 from railctl.common.wire.keys import Service
+from railctl.deploy.growing import GrowingRows
 
 ASK_TIMEOUT_S = 3.0
 Row = EpisodeRow | EvaluationRow
-History = Service[HistoryRequest, Any]
+R = TypeVar("R", EpisodeRow, EvaluationRow)
 
 
 def live_status(bus: Bus) -> Status:
@@ -97,23 +97,53 @@ def _unsupervised(name: str, pid: int) -> ProcessStatus:
     )
 
 
-class Rows:
-    """The rows of a running run: all of history, then what comes, each once and in order."""
+class AskedRows(Generic[R]):
+    """The rows of a file on another machine, each once: whoever writes it is asked for them.
 
-    def __init__(self, bus: Bus) -> None:
-        self._bus = bus
-        self._seen: dict[History, int] = {keys.EPISODE_HISTORY: 0, keys.EVALUATION_HISTORY: 0}
+    Attributes:
+        seen: how many have come.
+    """
+
+    def __init__(self, bus: Bus, history: Service[HistoryRequest, Any]) -> None:
+        self._bus, self._history = bus, history
+        self.seen = 0
+
+    def fresh(self) -> Iterator[R]:
+        """The rows that have come since; none while who has them is away, or has much to do."""
+        while True:
+            try:
+                answer = self._bus.ask(self._history, HistoryRequest(first=self.seen), HISTORY_PATIENCE_S)
+            except NoAnswer:
+                return  # the next row brings what is missing
+            self.seen += len(answer.rows)
+            yield from answer.rows
+            if not answer.rows or self.seen >= answer.total:
+                return
+
+
+class Rows:
+    """The rows of a running run: all of history, then what comes, each once and in order.
+
+    Its files have the history, if they are on this machine: then onlookers cost its processes nothing, however many.
+    """
+
+    def __init__(self, bus: Bus, folder: RunFolder | None) -> None:
+        """`folder` is none for a run on another machine."""
+        self._episodes: AskedRows[EpisodeRow] | GrowingRows[EpisodeRow]
+        self._evaluations: AskedRows[EvaluationRow] | GrowingRows[EvaluationRow]
+        if folder is None:
+            self._episodes = AskedRows(bus, keys.EPISODE_HISTORY)
+            self._evaluations = AskedRows(bus, keys.EVALUATION_HISTORY)
+        else:
+            self._episodes = GrowingRows(folder.episodes_file, EpisodeRow)
+            self._evaluations = GrowingRows(folder.evaluations_file, EvaluationRow)
         self._fresh: queue.SimpleQueue[Callable[[], Iterable[Row]]] = queue.SimpleQueue()
         bus.subscribe(keys.EPISODE_ROWS, lambda row: self._fresh.put(partial(self._on_episode, row)))
-        bus.subscribe(
-            keys.EVALUATION_ROWS, lambda _row: self._fresh.put(partial(self._missing, keys.EVALUATION_HISTORY))
-        )
+        bus.subscribe(keys.EVALUATION_ROWS, lambda _row: self._fresh.put(self._evaluations.fresh))
 
     def history(self) -> Iterator[Row]:
-        """Everything up to now, evaluations after the episodes that they are of."""
-        return merge(
-            self._missing(keys.EPISODE_HISTORY), sorted(self._missing(keys.EVALUATION_HISTORY), key=_place), key=_place
-        )
+        """Everything up to now that has not come yet, evaluations after the episodes that they are of."""
+        return merge(self._episodes.fresh(), sorted(self._evaluations.fresh(), key=_place), key=_place)
 
     def next(self, timeout_s: float) -> Iterable[Row]:
         """What has come since, waiting a while for it."""
@@ -122,35 +152,20 @@ class Rows:
         except queue.Empty:
             return []
 
-    def rest(self, folder: RunFolder) -> Iterator[Row]:
-        """What is still missing when the cluster is gone, from the run's files."""
-        return rows_from_files(folder, *self._seen.values())
-
     def _on_episode(self, row: EpisodeRow) -> Iterable[Row]:
-        if row.episode < self._seen[keys.EPISODE_HISTORY]:
+        if row.episode < self._episodes.seen:
             return []  # trained again after a restart: the same row
-        if row.episode > self._seen[keys.EPISODE_HISTORY]:
-            return self._missing(keys.EPISODE_HISTORY)  # some got lost on the way
-        self._seen[keys.EPISODE_HISTORY] += 1
+        if row.episode > self._episodes.seen:
+            return self._episodes.fresh()  # some got lost on the way
+        self._episodes.seen += 1
         return [row]
 
-    def _missing(self, history: History) -> Iterator[Row]:
-        while True:
-            try:
-                answer = self._bus.ask(history, HistoryRequest(first=self._seen[history]), ASK_TIMEOUT_S)
-            except NoAnswer:
-                return  # who has it is away; the next row, or the file, brings what is missing
-            self._seen[history] += len(answer.rows)
-            yield from answer.rows
-            if not answer.rows or self._seen[history] >= answer.total:
-                return
 
-
-def rows_from_files(folder: RunFolder, episodes: int = 0, evaluations: int = 0) -> Iterator[Row]:
-    """All rows on disk but the first `episodes` and `evaluations`, evaluations after the episodes that they are of."""
+def rows_from_files(folder: RunFolder) -> Iterator[Row]:
+    """All rows on disk, evaluations after the episodes that they are of."""
     return merge(
-        islice(each_row(folder.episodes_file, EpisodeRow), episodes, None),
-        sorted(islice(each_row(folder.evaluations_file, EvaluationRow), evaluations, None), key=_place),
+        each_row(folder.episodes_file, EpisodeRow),
+        sorted(each_row(folder.evaluations_file, EvaluationRow), key=_place),
         key=_place,
     )
 

@@ -66,7 +66,7 @@ def _in_terminal(folder: RunFolder, bus: Bus) -> None:
     evaluations: list[EvaluationRow] = []
     with Live(console=console, refresh_per_second=4, transient=True) as live:
         live.update(Text("starting ..."))
-        rows = Rows(bus)
+        rows = Rows(bus, folder)
 
         def show() -> None:
             live.update(view(live_status(bus), evaluations))
@@ -75,7 +75,7 @@ def _in_terminal(folder: RunFolder, bus: Bus) -> None:
 
 
 def _in_lines(folder: RunFolder, bus: Bus) -> None:
-    rows = Rows(bus)
+    rows = Rows(bus, folder)
     _loop(
         folder,
         rows,

@@ -84,6 +84,9 @@ class EventRow(Record):
     text: Text
 
 
+HISTORY_PATIENCE_S = 10.0  # how long who asks for history waits for it
+
+
 class HistoryRequest(Record):
     """Asks for rows from position `first` on."""
 

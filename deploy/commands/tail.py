@@ -37,11 +37,11 @@ def tail(run: RunOrAddress = None, keys: Keys = None, as_json: Lines = False) ->
 def _follow(folder: RunFolder, *, as_json: bool) -> None:
     try:
         with reach(folder) as bus:
-            rows = Rows(bus)
+            rows = Rows(bus, folder)
             _print(rows.history(), as_json=as_json)
             while (fresh := rows.next(WAIT_S)) or living(folder):  # asked only when nothing comes: it opens files
                 _print(fresh, as_json=as_json)
-            _print(rows.rest(folder), as_json=as_json)
+            _print(rows.history(), as_json=as_json)
     except NoAnswer:
         _print(rows_from_files(folder), as_json=as_json)
 
@@ -49,7 +49,7 @@ def _follow(folder: RunFolder, *, as_json: bool) -> None:
 def _follow_far(place: Place, *, as_json: bool) -> None:
     """As long as there is a link: the end of a run and a cut look alike from here."""
     with reach_far(*place) as (bus, _):
-        rows = Rows(bus)
+        rows = Rows(bus, None)
         _print(rows.history(), as_json=as_json)
         while bus.connected():
             _print(rows.next(WAIT_S), as_json=as_json)

@@ -63,7 +63,7 @@ class WatchedRun(Looker):
     def _follow(self, bus: Bus, config: RunConfig) -> None:
         """Show what comes over the streams, until the run's processes are gone."""
         self._read_from = None
-        rows, history = Rows(bus), History(config.episodes)
+        rows, history = Rows(bus, self._folder), History(config.episodes)
         history.extend(rows.history())
         self._history, is_news, due, silent_since = history, True, 0.0, None
         while not self.ended:

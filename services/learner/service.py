@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections import deque
 from typing import TYPE_CHECKING
 
 from railctl.common.board import Board
@@ -14,7 +15,7 @@ from railctl.common.records.acting import Fragment, LeaseAnswer, LeaseRequest, W
 from railctl.common.records.checkpoints import CheckpointFile, CheckpointNotice, CheckpointRequest
 from railctl.common.records.control import CommandAnswer, Empty, LearnerCommand
 from railctl.common.records.heartbeats import LearnerReport
-from railctl.common.records.rows import EpisodeRows, HistoryRequest
+from railctl.common.records.rows import HISTORY_PATIENCE_S, EpisodeRows, HistoryRequest
 from railctl.common.wire import keys
 from railctl.common.wire.keys import Alive
 from railctl.services.learner.account import Account, is_due, row_of
@@ -67,6 +68,7 @@ class Learner:
             self._config.world.n_features,
             Start(self._archive.snapshot, self._archive.version, self._account.steps, memory.opened),
         )
+        self._asked: deque[tuple[Question[HistoryRequest, EpisodeRows], float]] = deque()  # for history, until when
         self._actors: set[str] = set()  # the incarnations of those that live
         self._inline: InlineActor | None = None  # made when it is needed
         self._acts = False
@@ -120,7 +122,7 @@ class Learner:
 
     def turn(self, wait_s: float = 0.0) -> None:
         """Handle what has arrived, train what is ready, answer who waits."""
-        self._inbox.take(0.0 if self._acts_next else wait_s)
+        self._inbox.take(0.0 if self._acts_next or self._asked else wait_s)
         while not (self._paused or self._context.stopping.asked):
             fragment = self._desk.next_ready() or self._act()
             if fragment is None:
@@ -131,8 +133,10 @@ class Learner:
             self._inbox.take()
             self._give()
             self._end_episode()
+            self._tell_history()
             self._beat()
         self._give()
+        self._tell_history()
         self._beat()
 
     def close(self) -> None:
@@ -184,8 +188,18 @@ class Learner:
             question.answer(CheckpointFile(episode=episode, content=content))
 
     def _on_history(self, question: Question[HistoryRequest, EpisodeRows]) -> None:
-        first, rows = question.request.first, self._archive.rows
-        question.answer(EpisodeRows(rows=list(rows.read(first, HISTORY_CHUNK)), total=rows.count))
+        self._asked.append((question, time.monotonic() + HISTORY_PATIENCE_S))
+
+    def _tell_history(self) -> None:
+        """To one who asks for it, between episodes: reading takes longer than some of them, and training goes on."""
+        while self._asked:
+            question, until = self._asked.popleft()
+            if time.monotonic() > until:
+                question.drop()
+                continue
+            rows = self._archive.rows
+            question.answer(EpisodeRows(rows=list(rows.read(question.request.first, HISTORY_CHUNK)), total=rows.count))
+            return
 
     def _on_command(self, question: Question[LearnerCommand, CommandAnswer]) -> None:
         self._end_episode()  # a snapshot counts on its row

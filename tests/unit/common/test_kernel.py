@@ -14,11 +14,12 @@ from railctl.common import compile_signs, compiling, sources
 from railctl.common import kernel as kernel_module
 from railctl.common.interpreter import PYTHON
 from railctl.common.kernel import bare_kernel
-from railctl.common.sources import ROOT
+
+ROOT = Path(__file__).parents[3]
 
 ONE = "from railctl.common.kernel import kernel\n\n\n@kernel\ndef one() -> int:\n    return 1\n"
 TWO = ONE.replace("def one() -> int:\n    return 1", "def two() -> int:\n    return one() + 1").replace(
-    "kernel\n\n", "kernel\nfrom other.between import one\n\n", 1
+    "kernel\n\n", "kernel\nfrom railctl.other.between import one\n\n", 1
 )
 RUN = "from railctl.common.tiny.two import two; print(two(), len(two.stats.cache_hits))"
 
@@ -35,7 +36,7 @@ def test_code_follows_a_function_of_another_file(tmp_path: Path):
         shutil.copy(module.__file__, tiny.parent)
     for package in (tiny.parent, tiny.parents[1]):
         (package / "__init__.py").touch()
-    other = tmp_path / "other"
+    other = tmp_path / "railctl" / "other"
     other.mkdir()
     (tiny / "one.py").write_text(ONE)
     (other / "between.py").write_text("from railctl.common.tiny import one as module\n\none = module.one\n")

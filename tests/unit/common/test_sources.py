@@ -14,7 +14,7 @@ from railctl.common.interpreter import PYTHON
 @pytest.fixture
 def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Files that import one another; they are not fresh any more."""
-    monkeypatch.setattr(sources, "ROOT", tmp_path)
+    monkeypatch.setattr(sources, "PACKAGE", tmp_path / "package")
     monkeypatch.setattr(sources, "SETTLED_S", 0.0)
     package = tmp_path / "package"
     package.mkdir()
@@ -51,12 +51,20 @@ def test_a_change_is_seen_whatever_its_time_and_size(tree: Path):
     assert digest(tree) == first  # what is in the files counts, not when they were written
 
 
-@pytest.mark.parametrize("fresh", ["math.py", "package/math.py", "math/__init__.py", "package/bottom/__init__.py"])
+@pytest.mark.parametrize("fresh", ["package/math.py", "package/math/__init__.py", "package/bottom/__init__.py"])
 def test_a_file_that_comes_to_be_is_seen(tree: Path, fresh: str):
     first = digest(tree)
     (tree / fresh).parent.mkdir(exist_ok=True)
     (tree / fresh).write_text("A = 3\n")
     assert digest(tree) != first
+
+
+def test_what_is_installed_beside_the_package_is_not_ours(tree: Path):
+    first = digest(tree)
+    (tree / "math.py").write_text("A = 4\n")
+    assert digest(tree) == first
+    watched = json.loads((tree / "cache" / "top.sources.json").read_text())["stamps"]
+    assert all(path.startswith(str(tree / "package")) for path in watched)
 
 
 def test_what_changed_just_before_is_not_trusted(tree: Path, monkeypatch: pytest.MonkeyPatch):
@@ -82,7 +90,8 @@ def test_without_a_place_for_memos_all_goes_on(tree: Path):
 
 def test_processes_agree(tree: Path):
     code = (
-        "import sys; from pathlib import Path; from railctl.common import sources; sources.ROOT = Path(sys.argv[1]);"
+        "import sys; from pathlib import Path; from railctl.common import sources;"
+        "sources.PACKAGE = Path(sys.argv[1], 'package');"
         "print(sources.digest(Path(sys.argv[1], 'package', 'top.py'), Path(sys.argv[1], 'cache', 'other')).hex())"
     )
     said = subprocess.run([*PYTHON, "-c", code, str(tree)], capture_output=True, text=True, check=True).stdout

@@ -104,18 +104,18 @@ def follow(rows):
 
 
 def test_history_comes_whole_and_in_order(folder):
-    rows = Rows(Wire(7, evaluations=[2, 4]))
+    rows = Rows(Wire(7, evaluations=[2, 4]), None)
     assert names(rows.history()) == [0, 1, "after 2", 2, 3, "after 4", 4, 5, 6]
 
 
 def test_a_history_of_many_evaluations_comes_whole_too(folder):
-    rows = Rows(Wire(9, evaluations=range(1, 9)))
+    rows = Rows(Wire(9, evaluations=range(1, 9)), None)
     assert [row.episode for row in rows.history() if isinstance(row, EvaluationRow)] == list(range(1, 9))
 
 
 def test_a_history_that_no_memory_would_hold_comes_bit_by_bit(folder):
     wire = Wire(7)
-    history = Rows(wire).history()
+    history = Rows(wire, None).history()
     assert names([next(history)]) == [0]
     wire.away = True
     assert names(history) == list(range(1, CHUNK))  # what came with it; nobody has asked for more
@@ -123,7 +123,7 @@ def test_a_history_that_no_memory_would_hold_comes_bit_by_bit(folder):
 
 def test_what_comes_later_comes_once(folder):
     wire = Wire(2)
-    rows = Rows(wire)
+    rows = Rows(wire, None)
     assert names(rows.history()) == [0, 1]
     assert list(rows.next(0)) == []
     wire.train()
@@ -134,7 +134,7 @@ def test_what_comes_later_comes_once(folder):
 
 def test_what_came_between_subscribing_and_asking_for_history_comes_once(folder):
     wire = Wire(2)
-    rows = Rows(wire)
+    rows = Rows(wire, None)
     wire.train()
     assert names(rows.history()) == [0, 1, 2]
     assert follow(rows) == []
@@ -144,7 +144,7 @@ def test_what_came_between_subscribing_and_asking_for_history_comes_once(folder)
 
 def test_rows_that_got_lost_are_fetched_with_the_next_one(folder):
     wire = Wire(1)
-    rows = Rows(wire)
+    rows = Rows(wire, None)
     list(rows.history())
     for lost in (True, True, True, True, True, False):
         wire.train(lost=lost)
@@ -155,7 +155,7 @@ def test_rows_that_got_lost_are_fetched_with_the_next_one(folder):
 
 def test_rows_of_a_learner_that_goes_back_to_its_snapshot_come_once(folder):
     wire = Wire(5)
-    rows = Rows(wire)
+    rows = Rows(wire, None)
     list(rows.history())
     for number in (3, 4):
         wire.say(episode(number))
@@ -167,20 +167,28 @@ def test_rows_of_a_learner_that_goes_back_to_its_snapshot_come_once(folder):
 def test_while_the_learner_is_away_nothing_is_skipped(folder):
     wire = Wire(3)
     wire.away = True
-    rows = Rows(wire)
+    rows = Rows(wire, None)
     assert list(rows.history()) == []
     wire.away = False
     wire.train()
     assert follow(rows) == [0, 1, 2, 3]
 
 
-def test_the_rest_comes_from_the_files(folder):
-    wire = Wire(3, evaluations=[2])
-    rows = Rows(wire)
-    list(rows.history())
-    write(folder, 6, evaluations=[2, 4])
-    assert names(rows.rest(folder)) == [3, "after 4", 4, 5]
-    assert names(rows_from_files(folder)) == [0, 1, "after 2", 2, 3, "after 4", 4, 5]
+def test_files_on_this_machine_have_the_history_and_nobody_is_asked(folder):
+    wire = Wire()
+    wire.away = True
+    rows = Rows(wire, folder)
+    write(folder, 3, evaluations=[2])
+    assert names(rows.history()) == names(rows_from_files(folder)) == [0, 1, "after 2", 2]
+    wire.say(episode(2))
+    wire.say(episode(3))
+    assert follow(rows) == [3]
+    file = RowFile(folder.episodes_file, EpisodeRow)
+    for number in (3, 4, 5):
+        file.append(episode(number))
+    file.close()
+    wire.say(episode(5))  # 4 got lost
+    assert follow(rows) == [4, 5]
 
 
 @pytest.mark.parametrize(
