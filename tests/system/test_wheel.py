@@ -1,5 +1,6 @@
 """The wheel works in a folder without the checkout: all files are in it, under one name, and a run comes to its end."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -54,4 +55,6 @@ def test_a_run_beside_folders_of_the_same_names(installed, tmp_path):
     said = railctl("up", "--episodes", "4", "--name", "first", "--set", "evaluation.every_episodes=2")
     assert "compiling, the first time only" in said
     assert (tmp_path / "runs" / "first" / "curve.png").exists()
+    watched = [json.loads(memo.read_text())["stamps"] for memo in installed.rglob("*.sources.json")]
+    assert {Path(path).relative_to(installed).parts[0] for stamps in watched for path in stamps} == {"railctl"}
     assert "100.0%" in railctl("evaluate", "pretrained/dispatch-easy", "--level", "easy", "--episodes", "3")

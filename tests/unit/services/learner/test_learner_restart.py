@@ -32,6 +32,7 @@ class Question:
     def __init__(self, request):
         self.request = request
         self.answered = self.refused = self.last = None
+        self.dropped = False
 
     def answer(self, record, *, last=True):
         self.answered, self.last = record, last
@@ -40,7 +41,7 @@ class Question:
         self.refused = reason
 
     def drop(self):
-        pass
+        self.dropped = True
 
 
 class Wire:
@@ -463,6 +464,28 @@ def test_history_is_read_from_disk_when_somebody_asks(tmp_path, monkeypatch):
     answers = [cluster.ask(keys.EPISODE_HISTORY, HistoryRequest(first=first)).answered for first in (0, 2, 4, 5)]
     assert [[row.episode for row in answer.rows] for answer in answers] == [[0, 1], [2, 3], [4], []]
     assert {answer.total for answer in answers} == {5}
+    cluster.learner.close()
+
+
+def test_training_waits_for_no_history(tmp_path, monkeypatch):
+    """However many ask at once, one of them is answered between two episodes; who has given up by then is not."""
+    cluster = Cluster(RunFolder(tmp_path), config(0))
+    cluster.come("one")
+
+    def asked():
+        question = Question(HistoryRequest(first=0))
+        cluster.wire.served[keys.EPISODE_HISTORY](question)
+        return question
+
+    questions = [asked(), asked()]
+    for answered in (1, 2):
+        cluster.learner.turn()
+        assert [question.answered for question in questions].count(None) == 2 - answered
+    monkeypatch.setattr(service, "HISTORY_PATIENCE_S", -1.0)
+    late = asked()
+    cluster.learner.turn()
+    assert late.answered is None
+    assert late.dropped
     cluster.learner.close()
 
 
