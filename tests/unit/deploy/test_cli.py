@@ -17,7 +17,7 @@ from railctl.common.bus import open_bus, open_router
 from railctl.common.folder import RunFolder
 from railctl.common.locks import sole
 from railctl.common.records.control import CommandAnswer, ProcessStatus, Status
-from railctl.common.records.rows import EpisodeRow, EpisodeRows, EvaluationRows
+from railctl.common.records.rows import EpisodeRow
 from railctl.common.rows import RowFile
 from railctl.common.wire import keys
 from railctl.deploy.cli import app, main
@@ -590,9 +590,6 @@ def cluster(root):
         bus.serve(keys.STATUS, lambda question: question.answer(status))
         bus.serve(keys.SCALE, obey)
         bus.serve(keys.COMMAND_LEARNER, obey)
-        rows = [episode_row(number) for number in range(2)]
-        bus.serve(keys.EPISODE_HISTORY, lambda q: q.answer(EpisodeRows(rows=rows[q.request.first :], total=2)))
-        bus.serve(keys.EVALUATION_HISTORY, lambda q: q.answer(EvaluationRows(rows=[], total=0)))
         yield said
 
 
@@ -659,7 +656,8 @@ def test_up_on_a_running_run_opens_no_door(cluster, root):
     assert "listen: null" in (root / "one" / "config.yaml").read_text()
 
 
-def test_a_tail_of_a_running_run_has_history_and_ends_with_it(cluster, monkeypatch):
+def test_a_tail_of_a_running_run_has_history_and_ends_with_it(cluster, root, monkeypatch):
+    write_episodes(RunFolder(root / "one"), 2)
     monkeypatch.setattr("railctl.deploy.commands.tail.living", lambda _folder: {})
     assert len(output("tail", "one").splitlines()) == 2
 

@@ -9,7 +9,7 @@ from made_rows import episode_row, evaluation_row
 
 from railctl.common.bus import NoAnswer
 from railctl.common.records.control import Status
-from railctl.common.records.rows import EpisodeRows, EvaluationRows, EventRow, MetricRow
+from railctl.common.records.rows import EventRow, MetricRow
 from railctl.common.rows import RowFile
 from railctl.common.wire import keys
 from railctl.deploy.follow import status_from_files
@@ -76,22 +76,17 @@ def test_what_is_damaged_is_said(make, damage):
 
 
 class Cluster:
-    """A run's bus with a learner that has trained some episodes, and a supervisor that may be silent."""
+    """A run's bus, with a supervisor that may be silent."""
 
-    def __init__(self, folder, episodes):
-        self.folder, self.episodes = folder, episodes
+    def __init__(self, folder):
+        self.folder = folder
         self.silent = self.gone = False
         self.on_row = {}
 
     def subscribe(self, topic, on_record):
         self.on_row[topic] = on_record
 
-    def ask(self, service, request, _timeout_s):
-        if service is keys.EPISODE_HISTORY:
-            rows = [episode_row(number) for number in range(request.first, self.episodes)]
-            return EpisodeRows(rows=rows, total=self.episodes)
-        if service is keys.EVALUATION_HISTORY:
-            return EvaluationRows(rows=[], total=0)
+    def ask(self, _service, _request, _timeout_s):
         if self.silent or self.gone:
             raise NoAnswer("silent")
         files = status_from_files(self.folder)
@@ -101,7 +96,7 @@ class Cluster:
 @pytest.fixture
 def cluster(make, monkeypatch):
     folder = make("one", [-0.5] * 3, outcome=None)
-    cluster = Cluster(folder, 10)
+    cluster = Cluster(folder)
 
     @contextmanager
     def reach(_folder):
@@ -151,10 +146,9 @@ def last_episode(curves):
 
 def test_a_running_run_is_shown_live(cluster, watched):
     watched.until("run", lambda run: run["source"] == "live")
-    watched.until("curves", lambda curves: last_episode(curves) == 10)
-    cluster.episodes = 11
-    cluster.on_row[keys.EPISODE_ROWS](episode_row(10))
-    watched.until("curves", lambda curves: last_episode(curves) == 11)
+    watched.until("curves", lambda curves: last_episode(curves) == 3)
+    cluster.on_row[keys.EPISODE_ROWS](episode_row(3))
+    watched.until("curves", lambda curves: last_episode(curves) == 4)
 
 
 def test_a_supervisor_that_does_not_answer_is_said_with_the_time(cluster, watched):
@@ -170,6 +164,8 @@ def test_a_run_that_stops_and_starts_again_is_followed(cluster, watched):
     cluster.gone = True
     watched.until("run", lambda run: run["source"] == "files")
     watched.until("curves", lambda curves: len(curves["measures"]["return"]["easy"]["dots"]) == 3)
-    cluster.gone, cluster.episodes = False, 12
+    with cluster.folder.episodes_file.open("a") as file:
+        file.write(episode_row(3).model_dump_json(by_alias=True) + "\n")
+    cluster.gone = False
     watched.until("run", lambda run: run["source"] == "live")
-    watched.until("curves", lambda curves: last_episode(curves) == 12)
+    watched.until("curves", lambda curves: last_episode(curves) == 4)
