@@ -205,6 +205,7 @@ def start_supervisor(
 
     Raises:
         Failed: it ended at once.
+        KeyboardInterrupt: came meanwhile; the supervisor has ended, too.
     """
     folder.path.chmod(FOLDER_MODE)  # those of earlier versions were open to others
     folder.outcome_file.unlink(missing_ok=True)
@@ -223,13 +224,23 @@ def start_supervisor(
             start_new_session=True,
         )
     _supervisors[:] = [*(before for before in _supervisors if before.poll() is None), child]
+    try:
+        _wait_for(child, folder, log)
+    except BaseException:  # Ctrl-C, above all: who asked for the run does not want it any more
+        child.terminate()
+        child.wait()
+        raise
+    return child.pid
+
+
+def _wait_for(supervisor: subprocess.Popen[bytes], folder: RunFolder, log: Path) -> None:
+    """Wait until it supervises the run; raises Failed."""
     deadline = time.monotonic() + START_TIMEOUT_S
     while not supervised(folder):
-        if child.poll() is not None or time.monotonic() > deadline:
+        if supervisor.poll() is not None or time.monotonic() > deadline:
             lines = log.read_text(errors="replace").splitlines() or ["it left no word"]
             raise Failed(f"the supervisor did not start: {lines[-1]}")
         time.sleep(0.05)
-    return child.pid
 
 
 def write_cluster_file(folder: RunFolder, config: RunConfig, actors: Mapping[str, int] | None = None) -> None:

@@ -7,6 +7,7 @@ import typer
 
 from railctl.common.folder import RunFolder
 from railctl.common.locks import living
+from railctl.common.strict import ConfigError
 from railctl.deploy.follow import outcome_of
 from railctl.deploy.mirror.following import Follower, alone
 from railctl.deploy.output import RunName, console, counted, one_line_errors
@@ -28,6 +29,10 @@ def mirror(
     What is there already is not brought again: end it and start it as you like.
     """
     folder = find_run(run)
+    if mlflow.rstrip("/") == "sqlite:" or ":memory:" in mlflow:
+        raise ConfigError(
+            f"--mlflow {mlflow}: a store in memory ends with this command: name a file, as sqlite:///runs.db"
+        )
     if find_spec(NEEDS) is None:
         raise Failed(f"the package {NEEDS} is missing: pip install 'railctl[mlflow]'")
     with alone(folder):

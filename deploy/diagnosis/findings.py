@@ -57,3 +57,6 @@ class Check(NamedTuple):
             return Finding(self.code, self.name, wrong.grade, wrong.found, wrong.remedy)
         except Failed as error:
             return Finding(self.code, self.name, "bad", str(error), "see the line before")
+        except Exception as error:  # noqa: BLE001  (what is broken here breaks checks in ways of its own)
+            found = f"{type(error).__name__}: {error}"
+            return Finding(self.code, self.name, "bad", found, "undo what you set for it, and look again")

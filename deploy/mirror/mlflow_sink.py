@@ -46,6 +46,7 @@ class MlflowSink:
             found = self._client.get_experiment_by_name(experiment)
             number = found.experiment_id if found else self._client.create_experiment(experiment)
             self.run_id = self._found(number) or self._begun(number)
+            self._describe()
             self._client.update_run(self.run_id, status="RUNNING")
         except ImportError as error:
             raise Failed(f"--mlflow {uri}: {error}: pip install 'railctl[mlflow]'") from None
@@ -91,12 +92,17 @@ class MlflowSink:
 
     def _begun(self, experiment: str) -> str:
         run: Any = self._client.create_run(experiment, tags=self._tags(), run_name=self._folder.path.name)
-        given = flat(self._folder.config().plain())
-        params = [Param(name, str(value)[:LONGEST_VALUE]) for name, value in given.items()]
-        for first in range(0, len(params), PARAMS_AT_ONCE):
-            self._client.log_batch(run.info.run_id, params=params[first : first + PARAMS_AT_ONCE])
-        self._client.log_artifact(run.info.run_id, str(self._folder.config_file))
         return str(run.info.run_id)
+
+    def _describe(self) -> None:
+        """Bring there what is missing of the configuration; who began the run may have been killed before."""
+        there = self._client.get_run(self.run_id).data.params
+        given = flat(self._folder.config().plain())
+        params = [Param(name, str(value)[:LONGEST_VALUE]) for name, value in given.items() if name not in there]
+        for first in range(0, len(params), PARAMS_AT_ONCE):
+            self._client.log_batch(self.run_id, params=params[first : first + PARAMS_AT_ONCE])
+        if params or not self._client.list_artifacts(self.run_id):
+            self._client.log_artifact(self.run_id, str(self._folder.config_file))
 
     def _tags(self) -> dict[str, str]:
         """A run that was begun anew under the same name has another namespace."""

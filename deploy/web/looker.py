@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 from railctl.deploy.web.listeners import Listeners
 
+AGAIN_S = 1.0  # after something that nobody foresaw
+
 
 class Part(NamedTuple):
     """A part of what is shown, as it goes over the wire; the version tells whether it is news."""
@@ -55,7 +57,11 @@ class Looker(ABC):
 
     def _work(self) -> None:
         while not self.ended:
-            self.look()
+            try:
+                self.look()
+            except Exception as error:  # noqa: BLE001  (or it would say "loading" for ever)
+                self.tell(self.kind, {"name": self.name, "wrong": f"cannot be shown: {type(error).__name__}: {error}"})
+                self.pause(AGAIN_S)
 
     @abstractmethod
     def look(self) -> None:

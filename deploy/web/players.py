@@ -13,6 +13,7 @@ from railctl.deploy.playback import playback_request
 from railctl.deploy.runs import pretrained, runs_root
 
 CHECKPOINT = "checkpoint:"
+LONGEST = 12  # digits of a number of episodes
 
 
 def players_of(folder: RunFolder) -> dict[str, Any]:
@@ -73,7 +74,8 @@ def _policy(folder: RunFolder, player: str) -> str:
     """A player by a name that `railctl evaluate` takes; raises ConfigError."""
     if player.startswith(CHECKPOINT):
         number = player.removeprefix(CHECKPOINT)
-        path = folder.checkpoints / f"{int(number):08}.safetensors" if number.isdecimal() else None
+        is_number = number.isdecimal() and len(number) <= LONGEST
+        path = folder.checkpoints / f"{int(number):08}.safetensors" if is_number else None
         if path is None or not path.is_file():
             raise ConfigError(f"player {player}: the run has no such checkpoint")
         return str(path.resolve())

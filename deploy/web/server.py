@@ -63,7 +63,8 @@ class Page:
 
     async def stream(self, request: Request) -> Response:
         """What is known of runs and studies, and what comes."""
-        wanted = [(kind, name) for kind, name in request.query_params.multi_items() if kind in ("run", "study")]
+        asked = dict.fromkeys(request.query_params.multi_items())
+        wanted = [(kind, name) for kind, name in asked if kind in ("run", "study")]
         if not 1 <= len(wanted) <= MOST_SHOWN:
             return _wrong(f"{len(wanted)} runs and studies are asked for: ask for 1 to {MOST_SHOWN}", 400)
         return StreamingResponse(events(self.watching, self._ending, wanted), media_type=MEDIA_TYPE)
@@ -85,7 +86,8 @@ class Page:
             request_json: str = page_request(folder, player, level, int(number), file).model_dump_json()
             return request_json
 
-        key = json.dumps([str(folder.path), player, level, number])
+        begun = folder.config_file.stat()  # another run of the name has another one
+        key = json.dumps([str(folder.path), begun.st_ino, begun.st_mtime_ns, player, level, number])
         return _compressed(await self.tasks.content(PLAYER, key, made))
 
     async def references(self, request: Request) -> Response:

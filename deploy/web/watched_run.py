@@ -37,7 +37,6 @@ class WatchedRun(Looker):
     def __init__(self, name: str, folder: RunFolder) -> None:
         super().__init__(name)
         self._folder = folder
-        self._config: RunConfig | None = None
         self._history = History(0)
         self._metrics = Metrics()
         self._metric_rows = GrowingFile(folder.metrics_file, MetricRow.model_validate_json)
@@ -49,8 +48,7 @@ class WatchedRun(Looker):
     def look(self) -> None:
         """As long as the run's cluster answers, or until a second has passed."""
         try:
-            config = self._config or self._folder.config()
-            self._config = config
+            config = self._folder.config()  # another run may have taken the name
             try:
                 with reach(self._folder) as bus:
                     self._follow(bus, config)

@@ -26,6 +26,7 @@ class Watching:
         self._lock = threading.Lock()
         self._lookers: dict[tuple[str, str], Looker] = {}
         self._shown: dict[tuple[str, str], int] = {}
+        self._ending: set[tuple[str, str]] = set()  # that a timer looks at again
 
     @contextmanager
     def shown(self, kind: str, name: str) -> Iterator[Looker]:
@@ -41,9 +42,13 @@ class Watching:
         finally:
             with self._lock:
                 self._shown[kind, name] -= 1
-            timer = threading.Timer(GRACE_S, self._end_unshown, (kind, name))
-            timer.daemon = True
-            timer.start()
+                ends = not self._shown[kind, name] and (kind, name) not in self._ending
+                if ends:
+                    self._ending.add((kind, name))
+            if ends:
+                timer = threading.Timer(GRACE_S, self._end_unshown, (kind, name))
+                timer.daemon = True
+                timer.start()
 
     def end(self) -> None:
         """End all of them."""
@@ -74,6 +79,7 @@ class Watching:
 
     def _end_unshown(self, kind: str, name: str) -> None:
         with self._lock:
+            self._ending.discard((kind, name))
             if self._shown.get((kind, name), 0) > 0:
                 return
             self._shown.pop((kind, name), None)

@@ -90,19 +90,21 @@ class Reader:
 @pytest.mark.slow
 def test_neither_age_nor_tails_wear_a_run(clusters, capsys):
     clusters.railctl("up", "--name", "aged", "--detach", *OPTIONS)
-    folder = clusters.folder("aged")
-    assert wait_until(lambda: trained(folder) >= WARM and len(living(folder)) == len(PROCESSES), 4 * PATIENCE_S)
-    pids, alone = living(folder), watch(clusters, "aged")
-    readers = [Reader(clusters.start("tail", "aged", "--json"), slow=number == STOPPED) for number in range(TAILS)]
-    for reader in readers:
-        assert reader.began.wait(PATIENCE_S)
-    for reader in readers[:STOPPED]:
-        reader.process.send_signal(signal.SIGSTOP)
-    watched = watch(clusters, "aged")
-    assert living(folder) == pids  # nobody was started anew
-    for reader in readers:
-        reader.end()
-    clusters.railctl("down", "aged")
+    folder, readers = clusters.folder("aged"), []
+    try:
+        assert wait_until(lambda: trained(folder) >= WARM and len(living(folder)) == len(PROCESSES), 4 * PATIENCE_S)
+        pids, alone = living(folder), watch(clusters, "aged")
+        readers += [Reader(clusters.start("tail", "aged", "--json"), slow=number == STOPPED) for number in range(TAILS)]
+        for reader in readers:
+            assert reader.began.wait(PATIENCE_S)
+        for reader in readers[:STOPPED]:
+            reader.process.send_signal(signal.SIGSTOP)
+        watched = watch(clusters, "aged")
+        assert living(folder) == pids  # nobody was started anew
+    finally:
+        for reader in readers:
+            reader.end()
+        clusters.railctl("down", "aged")
     with capsys.disabled():
         sys.stdout.write(f"{trained(folder)} episodes{table(alone, watched)}")
     for first, last in (alone, watched):

@@ -41,6 +41,8 @@ def test_what_a_check_finds_is_told():
     )
     assert found(raising(Noted("1", "more is faster"))).grade == "note"
     assert found(raising(Failed("killed"))).found == "killed"
+    broken = found(raising(AttributeError("no such thing")))
+    assert (broken.grade, broken.found) == ("bad", "AttributeError: no such thing")
 
 
 @pytest.mark.parametrize(("grade", "code"), [("ok", 0), ("note", 0), ("bad", 1)])

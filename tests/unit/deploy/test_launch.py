@@ -305,6 +305,19 @@ def test_a_supervisor_that_ends_without_a_word_is_a_failure_too(run, supervisor)
     assert failure(start_supervisor, run, config()) == "the supervisor did not start: it left no word"
 
 
+def test_ctrl_c_meanwhile_ends_the_supervisor_too(run, supervisor, monkeypatch):
+    started = supervisor("import time; time.sleep(600)")
+
+    def interrupted(_seconds):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(launch.time, "sleep", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        start_supervisor(run, config())
+    [(child, _options)] = started
+    assert child.poll() is not None
+
+
 def test_processes_that_live_keep_their_cluster(run, supervisor):
     supervisor(HOLD)
     write_cluster_file(run, config())

@@ -74,6 +74,20 @@ def stored(experiment="railctl"):
     ]
 
 
+def test_what_was_killed_before_it_had_described_the_run_does_so_the_next_time(run, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(MlflowSink, "_describe", lambda _sink: None)
+        MlflowSink(run, store(), "railctl")
+    assert stored()[0].data.params == {}
+    MlflowSink(run, store(), "railctl")
+    assert stored()[0].data.params["algorithm"] == "dddqn"
+
+
+@pytest.mark.parametrize("uri", ["sqlite://", "sqlite:///", "sqlite:///:memory:"])
+def test_a_store_that_would_be_gone_is_refused(run, uri):
+    assert "a store in memory ends with this command" in complaint(2, "mirror", "one", "--mlflow", uri)
+
+
 def test_history_and_what_comes_are_there_once_and_so_is_the_configuration(run):
     options = "mirror", "one", "--mlflow", store()
     assert "24 numbers brought there" in railctl(*options).stdout  # of 4 episodes 5 each, and a metric

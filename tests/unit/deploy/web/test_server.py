@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import threading
 
 import pytest
 
@@ -94,9 +95,18 @@ def test_tabs_share_a_thread(make, asking):
         assert len(asking.page.watching._lookers) == 1
 
 
-@pytest.mark.parametrize("query", ["", "other=one", "&".join(["run=one"] * (MOST_SHOWN + 1))])
+@pytest.mark.parametrize("query", ["", "other=one", "&".join(f"run={number}" for number in range(MOST_SHOWN + 1))])
 def test_a_stream_of_nothing_or_too_much_is_refused(asking, query):
     assert asking.get(f"/api/stream?{query}").code == 400
+
+
+def test_a_name_given_often_is_shown_once_and_waited_for_once(make, asking):
+    make("one", [-0.5] * 20)
+    before = threading.active_count()
+    for _ in range(5):
+        with asking.stream("&".join(["run=one"] * 50)) as events:
+            assert next(events)[0] == "evaluations"
+    assert threading.active_count() <= before + 5  # one looks, one waits, and the server's own
 
 
 def test_who_may_play_is_told(make, asking):

@@ -75,6 +75,22 @@ def test_what_is_damaged_is_said(make, damage):
     assert damage in part(watched, "run")["wrong"]
 
 
+def test_what_nobody_foresaw_is_said_and_looked_at_again(make, monkeypatch):
+    watched = WatchedRun("one", make("one"))
+    looks = []
+
+    def look():
+        looks.append(1)
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr(watched, "look", look)
+    monkeypatch.setattr("railctl.deploy.web.looker.AGAIN_S", 0.01)
+    watched.start()
+    Waiting(watched).until("run", lambda run: "ZeroDivisionError: division by zero" in run["wrong"] and len(looks) > 1)
+    watched.end()
+    watched.join(10.0)
+
+
 class Cluster:
     """A run's bus, with a supervisor that may be silent."""
 
