@@ -70,6 +70,8 @@ def scored(  # noqa: PLR0913
     progress: bool,
 ) -> Evaluation:
     """See `railctl.evaluate`."""
+    if levels is not None and (episodes is not None or seed):
+        raise ConfigError(f"levels={str(levels)!r}: the file says which levels there are: leave out episodes and seed")
     name = policy.name if isinstance(policy, (Policy, Run)) else str(policy)
     is_reference = isinstance(policy, str) and policy in REFERENCES
     first = None if levels is not None else "easy" if is_reference else _first_level(policy)
@@ -89,7 +91,7 @@ def scored(  # noqa: PLR0913
         check_reference(name, None, None, sample=None if mode is None else mode == "sample")
         request = ReferenceRequest.model_validate({"policy": name, "levels": choice})
     else:
-        request = ScoreRequest(checkpoint=_checkpoint_of(policy), mode=mode, levels=choice)
+        request = _checked(ScoreRequest, checkpoint=_checkpoint_of(policy), mode=mode, levels=choice)
     module = REFERENCE_SCORER if is_reference else SCORER
     result = run_task(module, request.model_dump_json(), shows=progress)
     return _evaluation(name, result)

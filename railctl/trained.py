@@ -15,6 +15,7 @@ from railctl.common.folder import RunFolder
 from railctl.common.locks import holder, living
 from railctl.common.records.rows import EpisodeRow, EvaluationRow, MetricRow
 from railctl.common.rows import read_rows
+from railctl.common.strict import ConfigError
 from railctl.deploy.commands.run_options import base_of, without_none
 from railctl.deploy.commands.up import prepare
 from railctl.deploy.curve import CurveDrawing
@@ -70,7 +71,12 @@ class Run:
         """The learning curve: numbers of episodes [E], and the mean normalised return of the last `window` of them [E].
 
         At the start, where there are fewer, it is that of those there are.
+
+        Raises:
+            ConfigError: `window` is not a whole number of at least 1.
         """
+        if not isinstance(window, int) or window < 1:
+            raise ConfigError(f"window={window!r}: use a number of episodes, 1 or more")
         returns = np.array([row.normalised_return for row in self.rows()])
         sums = np.concatenate([[0.0], returns.cumsum()])
         ends = np.arange(1, len(returns) + 1)

@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from typer.testing import CliRunner
 
 import railctl
 from railctl.adapters.pettingzoo_env import TrainsEnv
+from railctl.common.folder import RunFolder
 from railctl.common.interpreter import PYTHON
 from railctl.common.policy.checkpoints import load_policy
 from railctl.common.rules.settings import NetworkConfig
@@ -92,6 +94,9 @@ def test_a_world_is_that_of_levels_of_a_run_file_or_of_settings(tmp_path):
         (lambda: railctl.evaluate("planner", mode="greedy"), "--greedy: planner is no network"),
         (lambda: railctl.evaluate("random", "easy", 0), "episodes: input should be greater than or equal to 1, not 0"),
         (lambda: railctl.open_run("nix"), "no run named 'nix'"),
+        (lambda: railctl.evaluate("pretrained/dispatch-easy", mode="best"), "mode: "),
+        (lambda: railctl.evaluate("random", levels="mine.npz", seed=3), "levels='mine.npz': .* leave out episodes and"),
+        (lambda: railctl.Run(RunFolder(Path("any"))).curve(0), "window=0: use a number of episodes, 1 or more"),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_line(tmp_path, monkeypatch, wrong, text):
