@@ -167,7 +167,7 @@ def test_a_run_that_cannot_go_on_stops_no_other(clusters, described, left_alone)
     (damaged / "outcome.json").unlink()
     (damaged / "episodes.jsonl").write_text("nonsense\n" + rows)
     failed = clusters.railctl("study", "run", str(described), code=1)
-    assert "! ppo-easy-3: learner cannot go on" in failed.stdout
+    assert f"! ppo-easy-3: {damaged / 'episodes.jsonl'} line 1 is not a valid row" in failed.stdout
     assert "1 of study small failed: railctl study run" in failed.stderr
     assert "1 of 2 runs done, 1 failed" in clusters.railctl_here("study", "status", "small").stdout
     (damaged / "episodes.jsonl").write_text(rows)
