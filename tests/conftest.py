@@ -13,6 +13,7 @@ from railctl.deploy.plan import ENVIRONMENT
 
 os.environ.update(ENVIRONMENT)
 signal.signal(signal.SIGINT, signal.default_int_handler)  # who is started in a shell's background ignores it
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # who is started by nohup ignores it
 settings.register_profile("any machine", deadline=None)  # however busy it is
 settings.load_profile("any machine")
 
