@@ -73,9 +73,15 @@ def left_alone(clusters, described):
 def hold(clusters, folder: StudyFolder, names=("per-easy-3", "ppo-easy-3")) -> list[RunFolder]:
     """Wait until the runs are under way, and pause them."""
     runs = [RunFolder(folder.runs / name) for name in names]
-    for run in runs:
-        clusters.wait(lambda run=run: has_rows(run, 2))
-        clusters.pause(str(run.path))
+    going = list(runs)
+
+    def all_are_held() -> bool:
+        for run in [run for run in going if has_rows(run, 2)]:  # at once, or it is over while another one begins
+            clusters.pause(str(run.path))
+            going.remove(run)
+        return not going
+
+    clusters.wait(all_are_held)
     return runs
 
 
