@@ -1,6 +1,5 @@
 """What every process of a run shares: clean ends, a log, heartbeats, and a name that it has alone."""
 
-import errno
 import gc
 import logging
 import os
@@ -23,6 +22,7 @@ from railctl.common.parent import end_with_parent
 from railctl.common.private import OTHERS
 from railctl.common.records.base import Role
 from railctl.common.records.heartbeats import Heartbeat, Report
+from railctl.common.room import NO_ROOM
 from railctl.common.strict import ConfigError
 from railctl.common.wire.keys import FAR_HEARTBEATS, HEARTBEATS, Alive, Topic
 
@@ -36,7 +36,6 @@ STRETCH_S = 0.05
 SWITCH_S = 0.0005  # a message that arrives while Python works is taken up after this, not after 5 ms
 OBJECTS_A_COLLECTION = 50_000  # the default, 700, has imports pass through all that is loaded over and over
 COMPILE_PATIENCE_S = 600.0  # a function that takes longer to compile, with all that it calls, hangs
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # of what the disk says to a write: a restart would meet it again
 
 
 class Fatal(Exception):  # noqa: N818  (it ends a process)

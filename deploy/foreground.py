@@ -30,7 +30,7 @@ def follow_to_end(folder: RunFolder) -> bool:
         Whether SIGTERM came.
 
     Raises:
-        Failed: the supervisor was killed.
+        Failed: the supervisor was killed, or the run's folder is gone.
     """
     terminated = False
     with terminable():
@@ -40,6 +40,8 @@ def follow_to_end(folder: RunFolder) -> bool:
             except KeyboardInterrupt as interrupt:
                 terminated = terminated or isinstance(interrupt, Terminated)
                 _stop(folder)
+    if not folder.config_file.exists():
+        raise Failed(f"{folder.path} is gone, and so its processes end")
     if not folder.outcome_file.exists():
         raise Failed(f"the supervisor was killed: railctl up --name {folder.path.name} takes over what lives")
     return terminated

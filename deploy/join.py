@@ -26,7 +26,7 @@ from railctl.common.wire import keys
 from railctl.deploy.far import CONNECT_TIMEOUT_S, introduced, introduction, reach_far
 from railctl.deploy.levels import prepare_levels
 from railctl.deploy.plan import ProcessSpec, actors
-from railctl.deploy.processes import Processes
+from railctl.deploy.processes import FolderGone, Processes
 from railctl.deploy.runs import Failed
 from railctl.deploy.supervisor import Limits, Quit, StopAsked, Supervisor
 from railctl.deploy.termination import terminable
@@ -113,6 +113,9 @@ def join(address: str, credentials: Credentials, counts: Mapping[str, int], pati
         stopping = Stopping()
         joiner = Joiner(folder, actors(counts, host_for(counts)))
         end = joiner.run(stopping)
+    except FolderGone as gone:
+        shutil.rmtree(path, ignore_errors=True)
+        raise Failed(str(gone)) from None
     except BaseException:
         shutil.rmtree(path)
         raise

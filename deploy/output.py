@@ -2,6 +2,7 @@
 
 import errno
 import json
+import os
 import sys
 from collections.abc import Callable
 from functools import wraps
@@ -15,7 +16,7 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from railctl.common.bus import NoAnswer
-from railctl.common.process import NO_ROOM
+from railctl.common.room import NO_ROOM
 from railctl.common.rows import DamagedRows
 from railctl.common.strict import ConfigError, brief, describe
 from railctl.common.task import FAILED, WRONG_USAGE
@@ -23,7 +24,16 @@ from railctl.deploy.runs import Failed, all_runs
 
 P = ParamSpec("P")
 
-console = Console(highlight=False)
+
+class _Output(Console):
+    """Whose reader may go, as in `railctl list | head`: `one_line_errors` ends the command."""
+
+    def on_broken_pipe(self) -> NoReturn:
+        """Rich would exit with 1."""
+        raise BrokenPipeError
+
+
+console = _Output(highlight=False)
 WIDEST = 1000  # characters
 LONGEST_LINE = 2000  # characters
 NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.ENOENT, errno.EEXIST)
@@ -62,7 +72,7 @@ def print_table(table: Table) -> None:
     """Print a table without losing a column: wider than a narrow terminal if it must be, in a file as wide as it is."""
     need = Measurement.get(console, console.options.update(width=WIDEST), table)
     wanted = need.minimum if console.is_terminal else need.maximum
-    wide = Console(file=console.file, width=max(console.width, wanted), force_terminal=console.is_terminal)
+    wide = _Output(file=console.file, width=max(console.width, wanted), force_terminal=console.is_terminal)
     wide.print(table)
 
 
@@ -94,7 +104,7 @@ def one_line_errors(command: Callable[P, None]) -> Callable[P, None]:
         except ValidationError as error:  # of a request that the options make up
             _end(describe(error, BaseModel), WRONG_USAGE)
         except BrokenPipeError:
-            sys.stderr.close()  # the reader of our output has gone, as in `railctl tail | head`
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the interpreter still flushes at its end
             sys.exit(0)
         except OSError as error:
             _end(*_of_the_system(error))

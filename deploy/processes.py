@@ -12,7 +12,7 @@ from railctl.common.bus import Bus
 from railctl.common.folder import RunFolder
 from railctl.common.inbox import Inbox
 from railctl.common.locks import holder, living
-from railctl.common.process import EXIT_FATAL, EXIT_RUNS_ALREADY, STARTING, Stopping
+from railctl.common.process import EXIT_FATAL, EXIT_RUNS_ALREADY, STARTING, Fatal, Stopping
 from railctl.common.records.heartbeats import Heartbeat
 from railctl.common.records.rows import EventKind
 from railctl.deploy.events import DamagedSnapshots, EventLog, changes
@@ -36,6 +36,10 @@ log = logging.getLogger(__name__)
 
 TICK_S = 0.1
 LAST_WORDS_CHARACTERS = 300
+
+
+class FolderGone(Fatal):
+    """Somebody deleted or moved the folder of a run that lives."""
 
 
 class Processes(ABC):
@@ -64,7 +68,11 @@ class Processes(ABC):
         """What is to be seen to now and then."""
 
     def run(self, stopping: Stopping) -> Quit:
-        """Take over what lives, and supervise until the run is finished, stopped or failed."""
+        """Take over what lives, and supervise until the run is finished, stopped or failed.
+
+        Raises:
+            FolderGone: there is no run any more; its processes are killed, for they could keep nothing.
+        """
         with ExitStack() as stack:
             stack.callback(self._events.close)
             self._tell("started", "supervisor", f"supervisor started as process {os.getpid()}")
@@ -79,6 +87,10 @@ class Processes(ABC):
                 if self._bus is None:
                     self._bus = self.connect(stack)
                 self._inbox.take(TICK_S)
+                if not self._folder.config_file.exists():
+                    for name in self._pids:
+                        self._signal(name, signal.SIGKILL)
+                    raise FolderGone(f"{self._folder.path} is gone, and so its processes have ended")
                 self._look_for_exits()
                 self.look()
                 self._handle(Tick(connected=self._connected()))

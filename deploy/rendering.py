@@ -1,5 +1,6 @@
 """Having episodes played and drawn: a process plays each, another draws them (`tools.render.task`)."""
 
+import os
 import re
 import shutil
 import tempfile
@@ -13,6 +14,7 @@ from railctl.common.strict import ConfigError
 from railctl.deploy.commands.references import REFERENCES
 from railctl.deploy.output import counted
 from railctl.deploy.playback import play_back, playback_request
+from railctl.deploy.runs import Failed
 from railctl.deploy.task import run_task
 
 DRAWER = "railctl.tools.render.task"
@@ -75,7 +77,7 @@ def _on_the_same(request: PlaybackRequest, level: Mapping[str, Any]) -> Playback
 
 
 def check_output(output: Path | None, step: int | None) -> None:
-    """Raise ConfigError if this cannot be written, before anything is played."""
+    """Raise ConfigError or Failed if this cannot be written, before anything is played."""
     suffix = FORMATS[0] if output is None else output.suffix
     if suffix not in FORMATS:
         raise ConfigError(f"--output {output}: use a name that ends with {', '.join(FORMATS)}")
@@ -83,8 +85,13 @@ def check_output(output: Path | None, step: int | None) -> None:
         raise ConfigError(f"--step {step}: a film shows all steps: add --output NAME.png, or leave it out")
     if suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise ConfigError(f"--output {output}: there is no ffmpeg to write it with: install ffmpeg, or write a .gif")
-    if output is not None and not output.absolute().parent.is_dir():
-        raise ConfigError(f"--output {output}: there is no folder {output.parent}: make it first")
+    folder = Path.cwd() if output is None else output.absolute().parent
+    if not folder.is_dir():
+        raise ConfigError(f"--output {output}: there is no folder {folder}: make it first")
+    if not os.access(folder, os.W_OK):
+        raise Failed(f"{folder}: nothing can be written there: give --output in another folder")
+    if output is not None and output.is_dir():
+        raise ConfigError(f"--output {output}: it is a folder: give another name")
 
 
 def default_name(names: Sequence[str], level: Mapping[str, Any]) -> Path:

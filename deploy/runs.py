@@ -1,5 +1,6 @@
 """Finding runs on disk, and reaching their clusters."""
 
+import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -50,6 +51,7 @@ def find_run(name: str | None) -> RunFolder:
         if not known:
             raise ConfigError(f"there are no runs in {runs_root()}: start one with railctl up")
         return next((run for run in reversed(known) if living(run)), known[-1])
+    _check_length(name)
     candidates = runs_root() / name, Path(name)
     for candidate in candidates:
         if _is_run(candidate):
@@ -65,6 +67,15 @@ def find_run(name: str | None) -> RunFolder:
     raise ConfigError(f"no run named {shortened(name)}{nearest(name, [run.path.name for run in known])}")
 
 
+def _check_length(name: str) -> None:
+    """Raise ConfigError if the system allows no path that long."""
+    try:
+        Path(name).exists()
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise ConfigError(f"{brief(name)}: {error.strerror}: give another name or path") from None
+
+
 def without_configuration(path: Path) -> ConfigError:
     """What is wrong with the folder of a run, or of something else, that has no configuration."""
     return ConfigError(f"{path} is there, without its config.yaml: restore that, or give another name")
@@ -77,6 +88,7 @@ def find_checkpoint(name: str) -> Path:
         ConfigError: there is no such file or run.
         Failed: the run has none yet.
     """
+    _check_length(name)
     if Path(name).is_file():
         return Path(name)
     if name.startswith(f"{PRETRAINED.name}/"):

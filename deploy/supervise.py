@@ -24,7 +24,7 @@ from railctl.deploy.curve import CurveDrawing
 from railctl.deploy.joined import Joined
 from railctl.deploy.overview import overview, progress_of, run_is_complete
 from railctl.deploy.plan import actors, cluster
-from railctl.deploy.processes import Processes
+from railctl.deploy.processes import FolderGone, Processes
 from railctl.deploy.runs import Failed
 from railctl.deploy.supervisor import Limits, StopAsked, Supervisor, Wanted
 
@@ -111,13 +111,13 @@ class Runner(Processes):
         counts = self._counts = self._counts | question.request.actors
         kept = Cluster(endpoint=self.endpoint, namespace=self._namespace, actors=counts)
         write_atomically(self._folder.cluster_file, kept.model_dump_json(indent=2))
-        self._handle(Wanted(tuple(actors(counts))))
         text = "actors are now " + " ".join(f"{name}={count}" for name, count in counts.items())
         unserved = [level for level in self._config.mix if not (counts.get(level) or counts.get("any"))]
         if unserved and any(counts.values()):  # with none at all the learner acts
             text += f"; episodes of {', '.join(unserved)} wait for some"
         self._tell("scaled", None, text)
-        question.answer(CommandAnswer(done=True, text=text))
+        question.answer(CommandAnswer(done=True, text=text))  # before: hundreds take longer to start than it waits
+        self._handle(Wanted(tuple(actors(counts))))
 
     def _on_stop(self, question: Question[Empty, CommandAnswer]) -> None:
         again = self._mind.stopping is not None
@@ -139,7 +139,11 @@ def main() -> None:
         cores = sorted(os.sched_getaffinity(0))[: folder.config().cluster.cores]
         os.sched_setaffinity(0, cores)
         log.info("supervises %s on cores %s", folder.path.name, cores)
-        end = runner.run(stopping)
+        try:
+            end = runner.run(stopping)
+        except FolderGone:
+            remove_endpoint(runner.endpoint)
+            raise
         remove_endpoint(runner.endpoint)
         log.info("run %s: %s", end.outcome, end.reason)
         outcome = Outcome(outcome=end.outcome, reason=end.reason)

@@ -49,8 +49,12 @@ class Policy:
             state: [R, S], of a recurrent network, overwritten with what comes after; zeros if not given.
 
         Raises:
-            ValueError: a shape is another.
+            ValueError: a shape is another, or `state` is no float32 array that can be written.
         """
+        if state is not None and not (
+            isinstance(state, np.ndarray) and state.dtype == np.float32 and state.flags.carray
+        ):
+            raise ValueError("state is overwritten: give a float32 array that can be written, in C order")
         return self._network.outputs(np.ascontiguousarray(observations, np.float32), state)
 
     def act(self, observations: Any, allowed: Any = None, state: Floats | None = None) -> NDArray[np.int64]:

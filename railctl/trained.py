@@ -149,6 +149,8 @@ class Run:
 
 def start(name: str | None, run_file: Path | None, given: dict[str, Any], settings: dict[str, Any]) -> Run:
     """Start a run, or go on with the one of this name; see `railctl.train`."""
+    if not isinstance(name, str | None):
+        raise ConfigError(f"name={name!r}: give text")
     told: dict[str, Any] = {} if run_file is None else read_file(run_file)
     if given["level"] is not None:
         told.pop("mix", None)

@@ -56,7 +56,10 @@ def render(
     file: Annotated[Path | None, typer.Option("--file", "-f", help="Run file (YAML) with levels of your own.")] = None,
     output: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="What to write: .gif, .mp4 (with ffmpeg), or .png: its last moment."),
+        typer.Option(
+            metavar="FILE",
+            help="What to write: .gif, .mp4 (with ffmpeg), or .png: its last moment; one that is there is replaced.",
+        ),
     ] = None,
     step: Annotated[int | None, typer.Option(help="Of a .png: the step to draw instead.", min=0)] = None,
     fps: Annotated[float, typer.Option(help="Steps a second of a film.", min=1, max=50)] = FPS,

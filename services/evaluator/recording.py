@@ -20,6 +20,7 @@ from railctl.common.rail.compiled.world import CompiledWorld
 from railctl.common.rail.interlocking.signals import ALL_ACTIONS
 from railctl.common.rail.play import Choose, Decision
 from railctl.common.rail.rewards.deadlocks import find_deadlocks
+from railctl.common.records.base import has_infinities
 from railctl.common.records.course import NONE
 
 STATE_OF = np.full(arrays.DONE + 1, WAITING, np.int32)  # by flatland's
@@ -137,8 +138,14 @@ class WatchedNetwork(Chooser):
     def outputs(
         self, observations: NDArray[np.float32], state: NDArray[np.float32] | None = None
     ) -> NDArray[np.float32]:
-        """As `Chooser.outputs`."""
+        """As `Chooser.outputs`.
+
+        Raises:
+            ValueError: the outputs are not finite: neither a page nor a picture could show them.
+        """
         outputs = self._network.outputs(observations, state)
+        if has_infinities(outputs):
+            raise ValueError("the network's outputs are not finite, its weights are too large: use another checkpoint")
         self._last = outputs[-1].copy()  # the network may use its memory again
         return outputs
 

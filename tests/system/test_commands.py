@@ -4,6 +4,7 @@ import json
 import os
 import resource
 import signal
+from pathlib import Path
 
 import pytest
 
@@ -125,6 +126,22 @@ def test_a_full_disk_ends_the_run_in_a_line(clusters, tail):
     [problem] = status["problems"]
     remedy = "File too large: make room, then railctl up --name full goes on"
     assert problem == f"learner cannot go on: {clusters.folder('full').path}: {remedy}"
+
+
+def test_a_run_whose_folder_is_deleted_leaves_no_process(clusters, tail):
+    foreground = clusters.start("up", "--name", "deleted", *clusters.options)
+    folder = clusters.folder("deleted")
+    clusters.wait(folder.episodes_file.exists)
+    tail("deleted").until(2)
+    clusters.pause("deleted")
+    processes = living(folder).values()
+    endpoint, _ = folder.endpoint_and_namespace()
+    folder.path.rename(folder.path.with_name(".moved"))  # a deletion, to those who look; files cannot be made meanwhile
+    _, errors = foreground.communicate(timeout=60)
+    assert foreground.returncode == 1
+    assert errors == f"railctl: {folder.path} is gone, and so its processes end\n"
+    clusters.wait(lambda: not any(Path(f"/proc/{pid}").exists() for pid in processes))
+    assert not Path(endpoint.removeprefix("unixsock-stream/")).exists()
 
 
 @pytest.mark.slow

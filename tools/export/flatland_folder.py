@@ -4,6 +4,7 @@ How it answers: see `common.task`.
 """
 
 import shutil
+import tempfile
 from importlib.metadata import version
 from pathlib import Path
 
@@ -60,18 +61,15 @@ def make(request: ExportRequest) -> None:
         OSError: the folder cannot be made.
     """
     saved = load_policy(request.checkpoint)
-    folder, temporary = request.output, request.output.with_name(f".{request.output.name}.new")
-    shutil.rmtree(temporary, ignore_errors=True)
-    temporary.mkdir()
-    try:
-        shutil.copyfile(request.checkpoint, temporary / "checkpoint.safetensors")
+    folder = request.output
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as own:
+        made = Path(own) / folder.name
+        made.mkdir()
+        shutil.copyfile(request.checkpoint, made / "checkpoint.safetensors")
         for name, source in SOURCES.items():
-            shutil.copyfile(Path(__file__).with_name(source), temporary / name)
-        (temporary / "README.md").write_text(readme(saved))
-        temporary.rename(folder)
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise
+            shutil.copyfile(Path(__file__).with_name(source), made / name)
+        (made / "README.md").write_text(readme(saved))
+        made.rename(folder)
     files = sorted(path.name for path in folder.iterdir())
     say({"folder": str(folder), "checkpoint": str(request.checkpoint), "files": files})
 

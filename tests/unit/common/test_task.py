@@ -45,7 +45,7 @@ def failing(error):
         (ConfigError("no such thing"), 2, "no such thing"),
         (KeyError("lost"), 1, "'lost'"),
         (PermissionError(13, "Permission denied", "file"), 1, "file: Permission denied"),
-        (OSError(28, "No space left on device"), 1, "No space left on device"),
+        (OSError(28, "No space", "source"), 1, "No space: make room on the disk, then run it again"),
     ],
 )
 def test_what_goes_wrong_is_one_line_and_an_exit_code(caplog, error, code, text):

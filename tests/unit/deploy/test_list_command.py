@@ -2,7 +2,10 @@
 
 import json
 import os
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 from command_line import railctl
@@ -50,6 +53,15 @@ def test_a_run_is_told_in_a_line(root):
     assert head.split() == ["run", "state", "algorithm", "levels", "lag", "seed", "episodes", "return(100)", "changed"]
     assert line.split()[:8] == ["one", "stopped", "ppo", "easy", "3", "7", "101/40", "-0.250"]
     assert listed()["one"]["levels"] == ["easy"]
+
+
+def test_a_reader_that_goes_is_no_error(root):
+    make(root, "one")
+    command = [Path(sys.executable).with_name("railctl"), "list"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        process.stdout.close()
+        assert process.stderr.read() == ""
+    assert process.returncode == 0
 
 
 def test_names_are_never_cut(root):

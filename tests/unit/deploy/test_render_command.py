@@ -1,6 +1,7 @@
 """railctl render: what it says and writes, and what it refuses before anything is played."""
 
 import json
+import os
 import re
 
 import pytest
@@ -58,7 +59,7 @@ def test_a_level_of_a_file_is_played_and_the_film_gets_a_name(tmp_path):
     [
         (["planer"], r"no file planer, and no run named .*did you mean the policy planner\?"),
         (["random", "--output", "film.avi"], "--output film.avi: use a name that ends with .gif, .mp4, .png"),
-        (["random", "--output", "no/film.gif"], "--output no/film.gif: there is no folder no: make it first"),
+        (["random", "--output", "no/film.gif"], "--output no/film.gif: there is no folder .*no: make it first"),
         (["random", "--step", 3], "--step 3: a film shows all steps: add --output NAME.png, or leave it out"),
         (["random", "--index", 3], "--index 3: it is said of a file: add --levels FILE, or use --level and --number"),
         (["random", "--levels", "no.npz"], "--levels no.npz: no such file"),
@@ -75,6 +76,14 @@ def test_what_cannot_be_is_refused_in_a_line(arguments, text, tmp_path):
     line = complaint(WRONG_USAGE, "render", *arguments)
     assert re.match(f"railctl: {text}", line), line
     assert not list(tmp_path.glob("*.gif"))
+
+
+def test_where_nothing_can_be_written_nothing_is_played(tmp_path, monkeypatch):
+    (tmp_path / "folder.gif").mkdir()
+    assert "folder.gif: it is a folder" in complaint(WRONG_USAGE, "render", "random", "--output", "folder.gif")
+    monkeypatch.setattr(os, "access", lambda _path, mode: mode != os.W_OK)  # root may write anywhere
+    line = complaint(FAILED, "render", "random")
+    assert line == f"railctl: {tmp_path}: nothing can be written there: give --output in another folder"
 
 
 def test_without_ffmpeg_there_are_no_mp4s(monkeypatch, tmp_path):

@@ -57,6 +57,13 @@ def test_a_recurrent_policy_remembers_what_its_agents_saw(write_checkpoint, tmp_
     assert list(memory) == ["b"]
 
 
+@pytest.mark.parametrize("state", [[[0.0]], np.zeros((1, 8)), np.broadcast_to(np.float32(0), (1, 8))])
+def test_a_state_that_cannot_be_carried_on_is_refused(write_checkpoint, tmp_path, state):
+    policy = railctl.load_policy(write_checkpoint(tmp_path / "any.safetensors"))
+    with pytest.raises(ValueError, match="give a float32 array that can be written"):
+        policy.act(np.zeros((1, policy.n_features)), state=state)
+
+
 def test_a_policy_drives_the_world_that_it_knows():
     policy = railctl.load_policy("pretrained/dispatch-easy")
     env = railctl.make_env(policy, render_mode="rgb_array")
@@ -94,6 +101,9 @@ def test_a_world_is_that_of_levels_of_a_run_file_or_of_settings(tmp_path):
         (lambda: railctl.evaluate("planner", mode="greedy"), "--greedy: planner is no network"),
         (lambda: railctl.evaluate("random", "easy", 0), "episodes: input should be greater than or equal to 1, not 0"),
         (lambda: railctl.open_run("nix"), "no run named 'nix'"),
+        (lambda: railctl.open_run("a" * 5000), "aaa...: File name too long: give another name or path"),
+        (lambda: railctl.load_policy("a" * 5000), "aaa...: File name too long: give another name or path"),
+        (lambda: railctl.train(name=5), "name=5: give text"),
         (lambda: railctl.evaluate("pretrained/dispatch-easy", mode="best"), "mode: "),
         (lambda: railctl.evaluate("random", levels="mine.npz", seed=3), "levels='mine.npz': .* leave out episodes and"),
         (lambda: railctl.Run(RunFolder(Path("any"))).curve(0), "window=0: use a number of episodes, 1 or more"),

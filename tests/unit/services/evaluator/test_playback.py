@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from made_rails import scheduled
 
+from railctl.common.checkpoint import OURS, load, save
 from railctl.common.levels import files
 from railctl.common.levels.level import Malfunctions
 from railctl.common.levels.supply import LevelSupply
@@ -149,6 +150,15 @@ def test_who_is_jammed_stays_where_it_is(play):
     assert (np.diff(jammed.astype(int), axis=0) >= 0).all()
     still = (moments[1:, :, 1:4] == moments[:-1, :, 1:4]).all(axis=2)
     assert still[jammed[:-1]].all()
+
+
+def test_outputs_that_nobody_could_show_are_refused(tmp_path, play):
+    tensors, metadata = load(PRETRAINED / "dispatch-hard.safetensors", "checkpoint")
+    kept = {name: value for name, value in metadata.items() if name not in OURS}
+    huge = {name: np.full_like(tensor, 3e38) for name, tensor in tensors.items()}
+    save(tmp_path / "huge.safetensors", huge, kept, "checkpoint")
+    with pytest.raises(UnplayableLevelError, match="hard, level 0: the network's outputs are not finite, its weights"):
+        play(checkpoint=tmp_path / "huge.safetensors")
 
 
 def test_observations_may_be_left_out(play):
