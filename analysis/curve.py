@@ -60,6 +60,7 @@ def draw(folder: RunFolder) -> Path:
             color="black",
             markerfacecolor=colour,
             markersize=6,
+            clip_on=False,  # the last one lies on the edge
             label=f"{level}: {config.evaluation.mode} on {config.evaluation.levels} evaluation levels",
         )
     axes.set(

@@ -204,7 +204,7 @@ def row_line(row: EpisodeRow | EvaluationRow, width: int | None = None) -> str:
                 (f"return {row.normalised_return:7.3f}", 0),
                 (f"arrived {row.arrived}/{row.trains}", 0),
                 (f"steps {row.steps:>3}", 0),
-                (f"epsilon {row.epsilon:.3f}", 2),
+                (f"epsilon {row.epsilon:.3f}" if row.epsilon else "", 2),  # policies have none
                 (row.actor, 1),
                 (f"staleness {row.staleness}" if row.staleness else "", 0),
             ],

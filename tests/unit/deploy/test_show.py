@@ -256,6 +256,7 @@ def test_a_row_is_a_line_of_its_figures():
     )
     assert row_line(episode(7).model_copy(update={"staleness": 2})) == f"{row_line(episode(7))}  staleness 2"
     assert row_line(episode(7).model_copy(update={"staleness": 0})) == row_line(episode(7))
+    assert "epsilon" not in row_line(episode(7).model_copy(update={"epsilon": 0.0}))  # a policy's
     assert row_line(evaluation(50)) == (
         "checkpoint  50  easy    greedy  -0.250  arrived 75%  all arrived 50%  steps 42"
     )
