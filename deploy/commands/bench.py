@@ -37,6 +37,7 @@ TAKES = {
     "algorithm": ("cluster",),
     "lag": ("cluster",),
     "actors": ("cluster",),
+    "machines": ("cluster",),
 }
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 BY_SIGNAL = 128  # and its number, as shells say it
@@ -68,6 +69,10 @@ def bench(
     actors: Annotated[
         list[int] | None, typer.Option(help="Of cluster, by each lag; may be repeated; default: 2, at lag 0 0 and 1.")
     ] = None,
+    machines: Annotated[
+        list[int] | None,
+        typer.Option(help="Of cluster, network namespaces that have the actors; may be repeated; default: 0, none."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure ours beside others: same work, one process, one core; a ratio above 1 says that ours is better.
@@ -87,6 +92,7 @@ def bench(
         "algorithm": algorithm,
         "lag": lag,
         "actors": actors,
+        "machines": machines,
     }
     command = run_worker(BENCHES[what])
     for option, given in options.items():

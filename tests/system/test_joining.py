@@ -2,14 +2,11 @@
 
 import json
 import re
-import shutil
 import signal
 import socket
-import subprocess
 import tempfile
 import threading
 import time
-import uuid
 from pathlib import Path
 
 import pytest
@@ -19,15 +16,15 @@ from railctl.common.records.control import LearnerCommand
 from railctl.common.wire.keys import COMMAND_LEARNER, EPISODE_ROWS
 from railctl.deploy.certificates import create
 from railctl.deploy.runs import reach
+from railctl.tools.bench.machines import Machine, NoMachinesError, ip
 
 PATIENCE_S = 300.0
-HERE, THERE = "198.18.7.1", "198.18.7.2"  # of a range that no network uses
-IP = shutil.which("ip")
+LINK = 7
 
 
 @pytest.fixture
 def keys(tmp_path):
-    create(tmp_path / "keys", [HERE], ["127.0.0.1"])
+    create(tmp_path / "keys", [Machine(LINK).here], ["127.0.0.1"])
     return tmp_path / "keys"
 
 
@@ -53,48 +50,15 @@ def free_port():
         return free.getsockname()[1]
 
 
-class Elsewhere:
-    """A network namespace that one link joins to ours: as good as another machine."""
-
-    def __init__(self):
-        number = uuid.uuid4().hex[:8]
-        self.namespace, self.link = f"railctl-{number}", f"rail{number}"
-
-    def begin(self):
-        ip("netns", "add", self.namespace)
-        ip("link", "add", self.link, "type", "veth", "peer", "name", "far", "netns", self.namespace)
-        ip("addr", "add", f"{HERE}/30", "dev", self.link)
-        ip("link", "set", self.link, "up")
-        ip("-n", self.namespace, "addr", "add", f"{THERE}/30", "dev", "far")
-        ip("-n", self.namespace, "link", "set", "far", "up")
-
-    def end(self):
-        for what in (("link", "del", self.link), ("netns", "del", self.namespace)):
-            subprocess.run([IP, *what], check=False, capture_output=True)
-
-    def cut(self):
-        ip("link", "set", self.link, "down")
-
-    def mend(self):
-        ip("link", "set", self.link, "up")
-
-
-def ip(*arguments):
-    subprocess.run([IP, *arguments], check=True, capture_output=True, text=True)
-
-
 @pytest.fixture
 def elsewhere():
-    if IP is None:
-        pytest.skip("there is no ip command to make network namespaces with")
-    place = Elsewhere()
+    """As good as another machine, but for its link."""
     try:
-        place.begin()
-    except subprocess.CalledProcessError as error:
-        place.end()
-        pytest.skip(f"no network namespaces here: {error.stderr.strip()}")
-    yield place
-    place.end()
+        machine = Machine(LINK).__enter__()
+    except NoMachinesError as reason:
+        pytest.skip(str(reason))
+    yield machine
+    machine.__exit__()
 
 
 def begin_held(clusters, name, address, keys):
@@ -232,14 +196,14 @@ def start_relay(clusters, address, gate, keys):
 @pytest.mark.slow
 @pytest.mark.parametrize("cut_s", [2, 10, 60])
 def test_a_cut_link_changes_nothing(clusters, undisturbed, keys, port, elsewhere, cut_s):
-    name, address = f"cut-{cut_s}", f"tls/{HERE}:{port}"
+    name, address = f"cut-{cut_s}", f"tls/{elsewhere.here}:{port}"
     begin_held(clusters, name, address, keys)
-    joiner = join_by(clusters, address, keys, IP, "netns", "exec", elsewhere.namespace)
+    joiner = join_by(clusters, address, keys, *elsewhere.command())
     clusters.wait(lambda: heard_since(clusters, name, 0))
     cut_at_the_fifth_episode(clusters, name, elsewhere)
     assert len(clusters.curve(name)) < len(undisturbed)
     threading.Event().wait(cut_s)
-    elsewhere.mend()
+    ip("link", "set", elsewhere.link, "up")
     mended_at = time.time()
     clusters.wait(lambda: heard_since(clusters, name, mended_at))
     resume(clusters, name)
@@ -257,7 +221,7 @@ def cut_at_the_fifth_episode(clusters, name, elsewhere):
         bus.subscribe(EPISODE_ROWS, lambda row: fifth.set() if row.episode >= 4 else None)
         assert bus.ask(COMMAND_LEARNER, LearnerCommand(verb="resume"), PATIENCE_S).done
         assert fifth.wait(PATIENCE_S)
-        elsewhere.cut()
+        ip("link", "set", elsewhere.link, "down")
         assert bus.ask(COMMAND_LEARNER, LearnerCommand(verb="pause"), PATIENCE_S).done
 
 

@@ -2,8 +2,10 @@
 
 Every row is a run as a user starts it, `railctl up`, from nothing to its end with its evaluations: at lag 0 acted by
 its learner and by one actor, and at a lag and free with two actors; or with all lags by all numbers of actors that are
-given. Beside it stands the same run in one process without a message (`tools.bench.alone`), which must come to the same
-episodes, unless the lag is free: then its weights are never stale. Levels are generated as they come, without a bank.
+given. With machines, so many network namespaces of this machine have the actors, which join over TLS, and the run
+begins when all are there. Beside it stands the same run in one process without a message (`tools.bench.alone`), which
+must come to the same episodes, unless the lag is free: then its weights are never stale. Levels are generated as they
+come, without a bank.
 
 It prints one document `{"rows": [...]}` with the fields of `Row`. Rates and shares leave out the first tenth of the
 episodes. The learner's time is learning, publishing, or waiting for actors and messages.
@@ -11,18 +13,15 @@ episodes. The learner's time is learning, publishing, or waiting for actors and 
 
 import argparse
 import json
-import os
 import signal
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 
 from railctl.common.config import MAX_ACTORS, checked_lag
@@ -31,13 +30,15 @@ from railctl.common.levels.distributions import shipped
 from railctl.common.records.rows import EpisodeRow, MetricRow
 from railctl.common.rows import read_rows
 from railctl.common.task import FAILED
+from railctl.deploy.output import print_table
 from railctl.tools.bench.alone import Alone
+from railctl.tools.bench.launching import NAME, Case, play
+from railctl.tools.bench.machines import MOST_MACHINES, NoMachinesError
 from railctl.tools.bench.measuring import DisagreementError, Parser, count
 from railctl.tools.bench.processes import Watch
 
 ALGORITHMS = ("dqn", "ddqn", "dddqn", "drqn", "ppo", "ppor", "sil")  # the study's
 OTHERS = ("imitate", "dispatch")
-NAME = "bench"
 FREE = "free"
 KINDS = (("0", 0), ("0", 1), ("3", 2), (FREE, 2))  # lag and actors
 SOME_LAGS, SOME_ACTORS = ("0", "3", FREE), (2,)  # if only the other is given
@@ -73,8 +74,8 @@ class Row:
     """A run.
 
     Attributes:
-        name: algorithm, level, lag and actors.
-        start_s: from the command to the first trained episode.
+        name: algorithm, level, lag, actors and machines.
+        start_s: from the command, with the joining of machines, to the first trained episode.
         end_s: from the last trained episode to the end of the command.
         wall_s: of the command.
         episodes_per_s, steps_per_s, decisions_per_s: trained.
@@ -108,43 +109,23 @@ class Row:
     memory_mib: float
 
 
-def railctl(folder: str, *arguments: str) -> None:
-    """Run a command to its end; whatever ends this process ends the run, too."""
-    command = str(Path(sys.executable).with_name("railctl"))
-    environment = os.environ | {"RAILCTL_RUNS": folder, "RAILCTL_LEVELS": f"{folder}/.levels"}  # no bank of the user's
-    try:
-        done = subprocess.run((command, *arguments), env=environment, capture_output=True, text=True, check=False)
-    except BaseException:
-        subprocess.run((command, "down", NAME, "--force"), env=environment, capture_output=True, check=False)
-        raise
-    if done.returncode:
-        raise DisagreementError(f"the run failed: {done.stderr.strip() or done.stdout.strip()}")
-
-
-def options(algorithm: str, level: str, lag: str, actors: int, episodes: int) -> list[str]:
-    """What `railctl up` is told."""
-    return [
-        *("--algorithm", algorithm, "--level", level, "--lag", lag, "--actors", f"{level}={actors}"),
-        *("--episodes", str(episodes), "--seed", "1", "--name", NAME),
-    ]
-
-
-def run_cluster(algorithm: str, level: str, lag: str, actors: int, episodes: int) -> Row:
-    """Run a cluster and the same run alone.
+def run_cluster(case: Case, episodes: int) -> Row:
+    """Run a cluster, and the same run alone.
 
     Raises:
         DisagreementError: they trained different episodes, or the cluster failed.
+        NoMachinesError: the system lets nobody make any.
     """
     with tempfile.TemporaryDirectory(prefix="railctl-bench-") as folder:
         began = time.time()
         with Watch(folder) as watch:
-            railctl(folder, "up", *options(algorithm, level, lag, actors, episodes))
+            play(case, episodes, folder)
         wall_s = time.time() - began
         run = RunFolder(Path(folder) / NAME)
         rows, metrics = read_rows(run.episodes_file, EpisodeRow), read_rows(run.metrics_file, MetricRow)
         alone = Alone(run.config()).run()
-    if lag != FREE and [row.digest for row in rows] != [trained.digest for trained in alone]:
-        raise DisagreementError(f"{algorithm} at lag {lag} trained other episodes in one process")
+    if case.lag != FREE and [row.digest for row in rows] != [trained.digest for trained in alone]:
+        raise DisagreementError(f"{case.name} trained other episodes in one process")
     warm = episodes // WARM_UP
     took = rows[-1].trained_unix_s - rows[warm].trained_unix_s
     took_alone = alone[-1].at_s - alone[warm].at_s
@@ -170,15 +151,21 @@ def run_cluster(algorithm: str, level: str, lag: str, actors: int, episodes: int
         "cpu_ms": 1e3 * watch.cpu_s / episodes,
         "memory_mib": watch.peak_bytes / 2**20,
     }
-    return Row(
-        f"{algorithm} {level} lag {lag}, actors {actors}",
-        **{name: float(f"{value:.4g}") for name, value in figures.items()},
-    )
+    return Row(case.name, **{name: float(f"{value:.4g}") for name, value in figures.items()})
 
 
-def kinds_of(lags: Sequence[str] | None, actors: Sequence[int] | None) -> Sequence[tuple[str, int]]:
-    """Lag and actors of the runs of an algorithm."""
-    return list(product(lags or SOME_LAGS, actors or SOME_ACTORS)) if lags or actors else KINDS
+def cases_of(
+    algorithms: Sequence[str],
+    level: str,
+    lags: Sequence[str] | None,
+    actors: Sequence[int] | None,
+    machines: Sequence[int] | None,
+) -> list[Case]:
+    """The runs: of each algorithm all that are given with each other, or those that are measured if none are."""
+    if not (lags or actors or machines):
+        return [Case(algorithm, level, lag, count) for algorithm in algorithms for lag, count in KINDS]
+    every = product(algorithms, [level], lags or SOME_LAGS, actors or SOME_ACTORS, machines or (0,))
+    return [Case(*of) for of in every]
 
 
 def lag_of(text: str) -> str:
@@ -190,11 +177,15 @@ def lag_of(text: str) -> str:
     return text
 
 
-def number_of(text: str) -> int:
-    """The value of an option that counts actors."""
-    if not text.isdecimal() or int(text) > MAX_ACTORS:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 to {MAX_ACTORS}")
-    return int(text)
+def up_to(most: int) -> Callable[[str], int]:
+    """What reads an option that counts actors or machines."""
+
+    def number_of(text: str) -> int:
+        if not text.isdecimal() or int(text) > most:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 to {most}")
+        return int(text)
+
+    return number_of
 
 
 def show(rows: Sequence[Row]) -> None:
@@ -205,7 +196,7 @@ def show(rows: Sequence[Row]) -> None:
         table.add_column(title, justify="right", no_wrap=True)
     for row in rows:
         table.add_row(row.name, *(format(getattr(row, field), form) for _, field, form in COLUMNS))
-    Console(highlight=False, width=max(Console().width, 200)).print(table)
+    print_table(table)
 
 
 def main() -> None:
@@ -215,19 +206,22 @@ def main() -> None:
     parser.add_argument("--level", default="easy", choices=list(shipped()), help="default: %(default)s")
     parser.add_argument("--algorithm", action="append", choices=ALGORITHMS + OTHERS, help="default: the study's")
     parser.add_argument("--lag", action="append", type=lag_of, help="a number or free; may be repeated")
-    parser.add_argument("--actors", action="append", type=number_of, help="by each lag; may be repeated")
+    parser.add_argument("--actors", action="append", type=up_to(MAX_ACTORS), help="by each lag; may be repeated")
+    parser.add_argument("--machines", action="append", type=up_to(MOST_MACHINES), help="that have the actors; likewise")
     chosen = parser.parse_args()
     if chosen.episodes < 2:
         parser.error(f"--episodes {chosen.episodes}: a rate needs at least 2")
+    cases = cases_of(chosen.algorithm or ALGORITHMS, chosen.level, chosen.lag, chosen.actors, chosen.machines)
+    for case in cases:
+        if case.actors < case.machines:
+            parser.error(f"--actors {case.actors}: {case.machines} machines need an actor each: use more")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(FAILED))
-    names, kinds = chosen.algorithm or ALGORITHMS, kinds_of(chosen.lag, chosen.actors)
     rows: list[Row] = []
     try:
-        for number, (name, (lag, actors)) in enumerate((name, kind) for name in names for kind in kinds):
-            told = f"{number} of {len(names) * len(kinds)} runs: {name}, lag {lag}, actors {actors}"
-            print(told, file=sys.stderr, flush=True)  # noqa: T201
-            rows.append(run_cluster(name, chosen.level, lag, actors, chosen.episodes))
-    except DisagreementError as error:
+        for number, case in enumerate(cases):
+            print(f"{number} of {len(cases)} runs: {case.name}", file=sys.stderr, flush=True)  # noqa: T201
+            rows.append(run_cluster(case, chosen.episodes))
+    except (DisagreementError, NoMachinesError) as error:
         print(f"railctl: {error}", file=sys.stderr)  # noqa: T201
         sys.exit(FAILED)
     finally:  # what has been measured is not lost if something goes wrong, or somebody has seen enough

@@ -39,7 +39,8 @@ from railctl.common.levels.supply import LevelSupply
 from railctl.common.records.rows import EpisodeRow, MetricRow
 from railctl.common.rows import read_rows
 from railctl.common.task import FAILED
-from railctl.tools.bench.cluster import NAME, WARM_UP, railctl
+from railctl.tools.bench.cluster import WARM_UP
+from railctl.tools.bench.launching import NAME, ended_with_us, railctl
 from railctl.tools.bench.measuring import DisagreementError, Parser, Sample, count, row_of, show
 from railctl.tools.bench.plain_training import PlainTraining, Trained, settings_of
 
@@ -63,7 +64,8 @@ def train_ours(level: str, episodes: int) -> tuple[Training, RunConfig, list[Epi
     with tempfile.TemporaryDirectory(prefix="railctl-bench-") as folder:
         began = time.perf_counter()
         told = ("--algorithm", ALGORITHM, "--level", level, "--episodes", str(episodes), "--name", NAME)
-        railctl(folder, "up", *told)
+        with ended_with_us(folder):
+            railctl(folder, "up", *told)
         wall_s = time.perf_counter() - began
         run = RunFolder(Path(folder) / NAME)
         rows, metrics = read_rows(run.episodes_file, EpisodeRow), read_rows(run.metrics_file, MetricRow)
