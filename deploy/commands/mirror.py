@@ -1,6 +1,8 @@
 """railctl mirror: a run's rows in MLflow, those that are there and those that come."""
 
+import os
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -14,6 +16,7 @@ from railctl.deploy.output import RunName, console, counted, one_line_errors
 from railctl.deploy.runs import Failed, find_run
 
 NEEDS = "mlflow"
+FILE = "sqlite:///"  # and the path
 
 
 @one_line_errors
@@ -33,6 +36,12 @@ def mirror(
         raise ConfigError(
             f"--mlflow {mlflow}: a store in memory ends with this command: name a file, as sqlite:///runs.db"
         )
+    if mlflow.startswith(FILE):  # MLflow would make folders, or try again for minutes
+        place = Path(mlflow.removeprefix(FILE)).absolute().parent
+        if not place.is_dir():
+            raise ConfigError(f"--mlflow {mlflow}: there is no folder {place}: make it first")
+        if not os.access(place, os.W_OK):
+            raise Failed(f"--mlflow {mlflow}: nothing can be written into {place}: give a file in another folder")
     if find_spec(NEEDS) is None:
         raise Failed(f"the package {NEEDS} is missing: pip install 'railctl[mlflow]'")
     with alone(folder):

@@ -5,20 +5,27 @@ batches or within one, finds out what is missing. Nothing is kept beside it.
 """
 
 import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, Literal
 
 from mlflow.entities import Metric, Param
 from mlflow.exceptions import MlflowException
 from mlflow.tracking import MlflowClient
+from sqlalchemy.exc import SQLAlchemyError
 
 from railctl.common.folder import RunFolder
-from railctl.common.strict import flat
+from railctl.common.strict import brief, flat
 from railctl.deploy.mirror.points import Point
 from railctl.deploy.runs import Failed
 
 MOST_AT_ONCE, LONGEST_VALUE = 500, 500
 PARAMS_AT_ONCE = 100
+LONGEST_REASON = 300  # characters
+RETRIES = "MLFLOW_HTTP_REQUEST_MAX_RETRIES"
 RUN, NAMESPACE = "railctl.run", "railctl.namespace"  # tags by which a run is found again
+UNUSABLE = (MlflowException, SQLAlchemyError, OSError)  # what a store may say
 Ending = Literal["FINISHED", "KILLED", "FAILED"]
 
 
@@ -43,14 +50,15 @@ class MlflowSink:
         logging.getLogger("mlflow").setLevel(logging.WARNING)  # it tells of every table that it makes
         try:
             self._client = MlflowClient(uri)
-            found = self._client.get_experiment_by_name(experiment)
+            with _impatient():
+                found = self._client.get_experiment_by_name(experiment)
             number = found.experiment_id if found else self._client.create_experiment(experiment)
             self.run_id = self._found(number) or self._begun(number)
             self._describe()
             self._client.update_run(self.run_id, status="RUNNING")
         except ImportError as error:
             raise Failed(f"--mlflow {uri}: {error}: pip install 'railctl[mlflow]'") from None
-        except (MlflowException, OSError) as error:
+        except UNUSABLE as error:
             raise self._failed(error) from None
 
     def add(self, point: Point) -> None:
@@ -69,7 +77,7 @@ class MlflowSink:
         if self._waiting:
             try:
                 self._client.log_batch(self.run_id, metrics=self._waiting)
-            except (MlflowException, OSError) as error:
+            except UNUSABLE as error:
                 raise self._failed(error) from None
             self.logged += len(self._waiting)
             self._waiting = []
@@ -81,7 +89,7 @@ class MlflowSink:
             if self._folder.curve_file.exists():
                 self._client.log_artifact(self.run_id, str(self._folder.curve_file))
             self._client.set_terminated(self.run_id, status=ending)
-        except (MlflowException, OSError) as error:
+        except UNUSABLE as error:
             raise self._failed(error) from None
 
     def _found(self, experiment: str) -> str | None:
@@ -111,9 +119,22 @@ class MlflowSink:
     def _history(self, name: str) -> set[int]:
         try:
             return {metric.step for metric in self._client.get_metric_history(self.run_id, name)}
-        except (MlflowException, OSError) as error:
+        except UNUSABLE as error:
             raise self._failed(error) from None
 
     def _failed(self, error: Exception) -> Failed:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        return Failed(f"--mlflow {self._uri}: {reason}")
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        return Failed(f"--mlflow {self._uri}: {brief(reason, LONGEST_REASON)}")
+
+
+@contextmanager
+def _impatient() -> Iterator[None]:
+    """Who is not there at the start is not worth minutes; later a server may be started anew."""
+    if RETRIES in os.environ:
+        yield
+        return
+    os.environ[RETRIES] = "1"
+    try:
+        yield
+    finally:
+        del os.environ[RETRIES]

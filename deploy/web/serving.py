@@ -2,6 +2,7 @@
 
 import logging
 import os
+import resource
 import signal
 import socket
 import tempfile
@@ -42,6 +43,8 @@ class Server(uvicorn.Server):
 def serve(catalogue: Catalogue, listening: socket.socket, keys: Keys) -> None:
     """Serve the page until a signal comes."""
     logging.getLogger("uvicorn").setLevel(logging.ERROR)
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # a thousand open connections stop nobody else
     app, page = application(catalogue, keys)
     config = uvicorn.Config(
         app,

@@ -1,5 +1,6 @@
 """railctl mirror: a run's rows in a real store of MLflow, each number once."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -144,5 +145,14 @@ def test_what_is_missing_or_wrong_is_one_line(run, monkeypatch):
     assert complaint(2, "mirror", "two").startswith("railctl: no run named 'two'")
     said = complaint(1, "mirror", "one", "--mlflow", "nosuch://there")
     assert said.startswith("railctl: --mlflow nosuch://there: ")
+    assert "there is no folder /no/such: make it" in complaint(
+        2, "mirror", "one", "--mlflow", "sqlite:////no/such/a.db"
+    )
+    (run.path / "text.db").write_text("no database" * 99)
+    said = complaint(1, "mirror", "one", "--mlflow", f"sqlite:///{run.path}/text.db")
+    assert said.endswith("text.db: (sqlite3.DatabaseError) file is not a database")
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "access", lambda _path, mode: mode != os.W_OK)  # root may write anywhere
+        assert "nothing can be written into /tmp: " in complaint(1, "mirror", "one", "--mlflow", "sqlite:////tmp/a.db")
     monkeypatch.setattr(command, "find_spec", lambda _name: None)
     assert complaint(1, "mirror", "one") == "railctl: the package mlflow is missing: pip install 'railctl[mlflow]'"
