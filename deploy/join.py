@@ -29,7 +29,7 @@ from railctl.deploy.plan import ProcessSpec, actors
 from railctl.deploy.processes import FolderGone, Processes
 from railctl.deploy.runs import Failed
 from railctl.deploy.supervisor import Limits, Quit, StopAsked, Supervisor
-from railctl.deploy.termination import terminable
+from railctl.deploy.termination import never_missed
 
 log = logging.getLogger(__name__)
 
@@ -107,7 +107,7 @@ def join(address: str, credentials: Credentials, counts: Mapping[str, int], pati
     """
     path = Path(tempfile.mkdtemp(prefix="railctl-join-"))  # which is its user's alone
     try:
-        with terminable():
+        with never_missed():
             _wait_for_run(address, credentials, patience_s)
             folder = _made(RunFolder(path / "run"), address, credentials, counts)
         stopping = Stopping()

@@ -20,5 +20,27 @@ def terminable() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
+@contextmanager
+def never_missed() -> Iterator[None]:
+    """As `terminable`, but what a signal raises is raised at the end of the block if it was lost within.
+
+    Python ignores what is raised in the callback of a weak reference or in `__del__`, and goes on.
+    """
+    came: list[KeyboardInterrupt] = []
+
+    def on_signal(number: int, _frame: object) -> NoReturn:
+        came.append(Terminated() if number == signal.SIGTERM else KeyboardInterrupt())
+        raise came[-1]
+
+    before = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if came:
+        raise came[0]
+
+
 def _raise(_number: int, _frame: object) -> NoReturn:
     raise Terminated

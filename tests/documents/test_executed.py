@@ -23,7 +23,7 @@ DOCUMENTS = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 BLOCK = re.compile(r"^```(console|sh)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 RAILCTL = Path(sys.executable).with_name("railctl")
 ELSEWHERE = ("sbatch", "kubectl", "docker", "scp")  # commands that stand-ins carry out
-UNTIL_INTERRUPTED = ("railctl tail live", "railctl watch", "railctl relay", "railctl join")
+UNTIL_INTERRUPTED = ("railctl tail live", "railctl tail second", "railctl watch", "railctl relay", "railctl join")
 HERE = {  # what is there otherwise on one machine
     "keys create --host node1": "keys create --host localhost --relay localhost",
     "node1": "localhost",
