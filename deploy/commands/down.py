@@ -2,6 +2,7 @@
 
 import os
 import signal
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -10,9 +11,10 @@ from railctl.common.bus import NoAnswer
 from railctl.common.folder import RunFolder
 from railctl.common.locks import holder, living
 from railctl.common.records.control import Empty
-from railctl.common.wire import keys
+from railctl.common.wire.keys import STOP
+from railctl.deploy.far import Place, place_of, reach_far
 from railctl.deploy.follow import wait_until
-from railctl.deploy.output import AsJson, RunName, one_line_errors, say
+from railctl.deploy.output import AsJson, Keys, RunOrAddress, one_line_errors, say
 from railctl.deploy.runs import Failed, find_run, reach, supervised
 from railctl.deploy.supervisor import STAGES
 
@@ -23,11 +25,17 @@ FORCED_PATIENCE_S = 5.0
 
 @one_line_errors
 def down(
-    run: RunName = None,
+    run: RunOrAddress = None,
+    keys: Keys = None,
     force: Annotated[bool, typer.Option("--force", help="Do not wait for clean ends.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Stop every process of a run; the learner writes a snapshot first, so that nothing is lost."""
+    place = place_of(run, keys, "operator")
+    if place is not None:
+        text = stop_far(place, force=force)
+        say(text, {"done": True, "text": text}, as_json=as_json)
+        return
     folder = find_run(run)
     if not living(folder):
         say(f"run {folder.path.name} is not running", {"done": True, "text": "not running"}, as_json=as_json)
@@ -47,10 +55,27 @@ def ask_to_stop(folder: RunFolder) -> None:
     """Ask the supervisor for a clean stop, without waiting for it; the second time for a forced one."""
     try:
         with reach(folder) as bus:
-            bus.ask(keys.STOP, Empty(), ASK_TIMEOUT_S)
+            bus.ask(STOP, Empty(), ASK_TIMEOUT_S)
     except NoAnswer:  # its router is away
         if pid := holder(folder, "supervisor"):
             os.kill(pid, signal.SIGTERM)
+
+
+def stop_far(place: Place, *, force: bool) -> str:
+    """Have a run on another machine stop; returns what is to be said of it.
+
+    Raises:
+        NoAnswer: it is not there.
+        Failed: it does not stop.
+    """
+    with reach_far(*place) as (bus, run):
+        bus.ask(STOP, Empty(), ASK_TIMEOUT_S)
+        if force:
+            with suppress(NoAnswer):  # it has ended meanwhile
+                bus.ask(STOP, Empty(), ASK_TIMEOUT_S)
+        if not wait_until(lambda: not bus.connected(), PATIENCE_S):
+            raise Failed(f"run {run.name} does not stop: railctl down {place.address} --keys DIR --force")
+    return f"run {run.name} is down; railctl up --name {run.name} goes on, on its machine"
 
 
 def _end_the_rest(folder: RunFolder, *, force: bool) -> None:

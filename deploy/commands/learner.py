@@ -1,10 +1,13 @@
 """What `pause`, `resume` and `checkpoint` share: a question to the learner."""
 
+from pathlib import Path
 from typing import Literal
 
+from railctl.common.bus import Bus
 from railctl.common.folder import RunFolder
 from railctl.common.records.control import CommandAnswer, LearnerCommand
 from railctl.common.wire import keys
+from railctl.deploy.far import place_of, reach_far
 from railctl.deploy.output import say
 from railctl.deploy.runs import find_run, reach
 
@@ -14,9 +17,14 @@ TIMEOUT_S = 20.0  # a snapshot is written before the answer
 Verb = Literal["pause", "resume", "checkpoint"]
 
 
-def ask_learner(run: str | None, verb: Verb, *, as_json: bool) -> None:
+def ask_learner(run: str | None, folder_of_keys: Path | None, verb: Verb, *, as_json: bool) -> None:
     """Ask the run's learner and print its answer."""
-    answer = tell_learner(find_run(run), verb)
+    place = place_of(run, folder_of_keys, "operator")
+    if place is None:
+        answer = tell_learner(find_run(run), verb)
+    else:
+        with reach_far(*place) as (bus, _):
+            answer = _asked(bus, verb)
     say(answer.text, answer.model_dump(), as_json=as_json)
 
 
@@ -27,5 +35,9 @@ def tell_learner(folder: RunFolder, verb: Verb) -> CommandAnswer:
         NoAnswer: it is not there.
     """
     with reach(folder) as bus:
-        answer = bus.ask(keys.COMMAND_LEARNER, LearnerCommand(verb=verb), TIMEOUT_S)
+        answer = _asked(bus, verb)
     return answer.model_copy(update={"text": answer.text.replace(str(folder.path.resolve()), str(folder.path))})
+
+
+def _asked(bus: Bus, verb: Verb) -> CommandAnswer:
+    return bus.ask(keys.COMMAND_LEARNER, LearnerCommand(verb=verb), TIMEOUT_S)

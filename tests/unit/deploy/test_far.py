@@ -142,21 +142,29 @@ STATUS = Status(
 )
 
 
-@pytest.fixture
-def run(near):
-    """A run that answers; what it was asked to change."""
+@pytest.fixture(scope="module")
+def answering(near):
+    """A run that answers; all that it was asked to change."""
     asked = []
 
     def obey(question):
-        asked.append(question.request.actors)
+        asked.append(question.request.model_dump())
         question.answer(CommandAnswer(done=True, text="done so"))
 
     near.serve(keys.RUN, lambda question: question.answer(RUN))
     near.serve(keys.STATUS, lambda question: question.answer(STATUS))
-    near.serve(keys.SCALE, obey)
+    for service in (keys.SCALE, keys.COMMAND_LEARNER, keys.STOP):
+        near.serve(service, obey)
     near.serve(keys.EPISODE_HISTORY, lambda question: question.answer(EpisodeRows(rows=[], total=0)))
     near.serve(keys.EVALUATION_HISTORY, lambda question: question.answer(EvaluationRows(rows=EVALUATIONS, total=1)))
     return asked
+
+
+@pytest.fixture
+def run(answering):
+    """The same, of a test."""
+    answering.clear()
+    return answering
 
 
 EVALUATIONS = [
@@ -196,7 +204,27 @@ def test_the_status_of_a_run_is_seen_from_anywhere(run, address, folder, tmp_pat
 
 def test_an_operator_scales_a_run_from_anywhere(run, address, folder, tmp_path):
     assert railctl("scale", address, "easy=3", "--keys", only(folder, tmp_path, "operator")).stdout == "done so\n"
-    assert run == [{"easy": 3}]
+    assert run == [{"actors": {"easy": 3}}]
+
+
+@pytest.mark.parametrize("verb", ["pause", "resume", "checkpoint"])
+def test_an_operator_has_a_learner_told_from_anywhere(run, address, folder, tmp_path, verb):
+    assert railctl(verb, address, "--keys", only(folder, tmp_path, "operator")).stdout == "done so\n"
+    assert run == [{"verb": verb}]
+
+
+@pytest.mark.parametrize("force", [(), ("--force",)])
+def test_an_operator_stops_a_run_from_anywhere(run, address, folder, tmp_path, monkeypatch, force):
+    monkeypatch.setattr("railctl.common.bus.Bus.connected", lambda _bus: len(run) <= len(force))
+    said = railctl("down", address, "--keys", only(folder, tmp_path, "operator"), *force).stdout
+    assert said == "run one is down; railctl up --name one goes on, on its machine\n"
+    assert run == [{}] * (1 + len(force))
+
+
+def test_a_run_that_does_not_stop_is_said(run, address, folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("railctl.deploy.commands.down.PATIENCE_S", 0.1)
+    said = complaint(FAILED, "down", address, "--keys", only(folder, tmp_path, "operator"))
+    assert said == f"railctl: run one does not stop: railctl down {address} --keys DIR --force"
 
 
 def test_a_tail_from_elsewhere_has_history_and_ends_with_the_link(run, address, folder, tmp_path, monkeypatch):
@@ -206,11 +234,11 @@ def test_a_tail_from_elsewhere_has_history_and_ends_with_the_link(run, address, 
     assert found.stderr.startswith(f"railctl: no link to {address} any more: ")
 
 
-@pytest.mark.parametrize("command", [("status",), ("tail",), ("scale", "easy=1")])
+@pytest.mark.parametrize("command", [("status",), ("tail",), ("scale", "easy=1"), ("pause",), ("down",)])
 def test_the_keys_of_an_actor_show_and_change_nothing(address, folder, tmp_path, command):
     theirs = only(folder, tmp_path, "actor")
     text = complaint(WRONG_USAGE, command[0], address, *command[1:], "--keys", theirs)
-    wanted = "operator" if command[0] == "scale" else "reader"
+    wanted = "reader" if command[0] in ("status", "tail") else "operator"
     assert text.startswith(f"railctl: {theirs}/{wanted}.pem cannot be read: ")
 
 
