@@ -116,7 +116,7 @@ class Runner(Processes):
         if unserved and any(counts.values()):  # with none at all the learner acts
             text += f"; episodes of {', '.join(unserved)} wait for some"
         self._tell("scaled", None, text)
-        question.answer(CommandAnswer(done=True, text=text))  # before: hundreds take longer to start than it waits
+        question.answer(CommandAnswer(done=True, text=text))  # first: hundreds take longer to start than it waits
         self._handle(Wanted(tuple(actors(counts))))
 
     def _on_stop(self, question: Question[Empty, CommandAnswer]) -> None:
