@@ -110,7 +110,8 @@ def served(root):
     page = Served()
 
     async def content(module, key, request):
-        return gzip.compress(made_playback(f"played by {json.loads(key)[1]}").encode())
+        *_run, player, _level, _number = json.loads(key)
+        return gzip.compress(made_playback(f"played by {player}").encode())
 
     page.page.tasks.content = content
     yield page
