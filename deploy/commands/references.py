@@ -7,7 +7,7 @@ from typing import Any, get_args
 from railctl.common.requests import DRAWING, MOST_ORDERS, PLANNING, Reference
 from railctl.common.strict import ConfigError
 from railctl.deploy.output import counted
-from railctl.deploy.runs import find_checkpoint
+from railctl.deploy.runs import PRETRAINED, find_checkpoint
 
 REFERENCE_SCORER = "railctl.services.evaluator.references"
 REFERENCES: tuple[str, ...] = get_args(Reference)
@@ -52,7 +52,9 @@ def heading(result: dict[str, Any]) -> str:
     policy = result.get("policy")
     if policy is None:
         trained = f"{result['algorithm']} after {counted(result['episode'], 'episode')}, {result['mode']}"
-        return f"{result['checkpoint']}: {trained}"
+        path = Path(result["checkpoint"])
+        name = f"{PRETRAINED.name}/{path.stem}" if path.parent == PRETRAINED else path
+        return f"{name}: {trained}"
     if policy in PLANNING:
         return f"{policy}, the best of {counted(result['orders'], 'order')}"
     return f"{policy}: every train as if there were no others" if policy == "alone" else str(policy)

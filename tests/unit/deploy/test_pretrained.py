@@ -8,6 +8,7 @@ from command_line import complaint, railctl
 from railctl.common.checkpoint import load
 from railctl.common.config import config_of_science
 from railctl.common.task import WRONG_USAGE
+from railctl.deploy.commands.references import heading
 from railctl.deploy.runs import PRETRAINED, find_checkpoint, pretrained
 
 LEVELS = ("easy", "medium", "hard")
@@ -31,8 +32,10 @@ def test_all_their_trains_arrive(level, tmp_path, monkeypatch):
     monkeypatch.setenv("RAILCTL_RUNS", str(tmp_path))
     found = railctl("evaluate", f"pretrained/dispatch-{level}", "--episodes", 20, "--json")
     assert found.exit_code == 0, found.stderr
-    [row] = json.loads(found.stdout)["rows"]
+    document = json.loads(found.stdout)
+    [row] = document["rows"]
     assert (row["levels"], row["arrived_share"]) == (20, 1)
+    assert heading(document) == f"pretrained/dispatch-{level}: dispatch after 1500 episodes, greedy"
 
 
 def test_what_does_not_ship_is_named():
