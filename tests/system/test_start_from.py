@@ -2,9 +2,12 @@
 
 import shutil
 
+import pytest
+
 FAST = ("--algorithm", "ppo", "--set", "evaluation.mode=greedy")
 
 
+@pytest.mark.slow
 def test_whoever_acts_a_run_that_begins_with_a_checkpoint_has_its_curve(clusters):
     clusters.up_any("first", *FAST, "--episodes", "4")
     checkpoint = clusters.root / "first" / "checkpoints" / "00000004.safetensors"
