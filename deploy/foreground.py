@@ -14,7 +14,7 @@ from railctl.common.locks import holder
 from railctl.common.records.rows import EvaluationRow
 from railctl.deploy.follow import Row, Rows, live_status
 from railctl.deploy.output import console, line_width
-from railctl.deploy.runs import Failed, reach, supervised
+from railctl.deploy.runs import Failed, is_gone, reach, supervised
 from railctl.deploy.show import progress_line, row_line, view
 from railctl.deploy.termination import Terminated, terminable
 
@@ -30,7 +30,7 @@ def follow_to_end(folder: RunFolder) -> bool:
         Whether SIGTERM came.
 
     Raises:
-        Failed: the supervisor was killed, or the run's folder is gone.
+        Failed: the supervisor was killed, or the run's folder is gone, or nobody reads what is said here.
     """
     terminated = False
     with terminable():
@@ -40,7 +40,12 @@ def follow_to_end(folder: RunFolder) -> bool:
             except KeyboardInterrupt as interrupt:
                 terminated = terminated or isinstance(interrupt, Terminated)
                 _stop(folder)
-    if not folder.config_file.exists():
+            except BrokenPipeError:
+                name = folder.path.name
+                raise Failed(
+                    f"nobody reads this any more; run {name} goes on: railctl tail {name} follows it"
+                ) from None
+    if is_gone(folder):
         raise Failed(f"{folder.path} is gone, and so its processes end")
     if not folder.outcome_file.exists():
         raise Failed(f"the supervisor was killed: railctl up --name {folder.path.name} takes over what lives")

@@ -7,7 +7,7 @@ import shutil
 import socket
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -107,8 +107,8 @@ def join(address: str, credentials: Credentials, counts: Mapping[str, int], pati
     """
     path = Path(tempfile.mkdtemp(prefix="railctl-join-"))  # which is its user's alone
     try:
-        with never_missed():
-            _wait_for_run(address, credentials, patience_s)
+        with never_missed() as came:
+            _wait_for_run(address, credentials, patience_s, came)
             folder = _made(RunFolder(path / "run"), address, credentials, counts)
         stopping = Stopping()
         joiner = Joiner(folder, actors(counts, host_for(counts)))
@@ -129,10 +129,13 @@ def join(address: str, credentials: Credentials, counts: Mapping[str, int], pati
     return end
 
 
-def _wait_for_run(address: str, credentials: Credentials, patience_s: float) -> None:
-    """Wait until a run says its name at an address; raises as `introduced`, but not before patience is over."""
+def _wait_for_run(address: str, credentials: Credentials, patience_s: float, came: Sequence[KeyboardInterrupt]) -> None:
+    """Wait until a run says its name at an address, or a signal `came` that was lost.
+
+    Raises as `introduced`, but not before patience is over.
+    """
     deadline, said = time.monotonic() + patience_s, ""
-    while True:
+    while not came:
         try:
             introduced(address, credentials)
         except NoAnswer as reason:
@@ -150,6 +153,7 @@ def _made(folder: RunFolder, address: str, credentials: Credentials, counts: Map
     """The folder, with all that actors of the run look for in it."""
     with reach_far(address, credentials) as (bus, run):
         folder.logs.mkdir(parents=True)
+        folder.processes.mkdir()
         folder.config_file.write_text(run.config)
         cluster = Cluster(endpoint=address, namespace=run.namespace, keys=str(credentials.folder))
         folder.cluster_file.write_text(cluster.model_dump_json())

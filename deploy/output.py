@@ -30,6 +30,7 @@ class _Output(Console):
 
     def on_broken_pipe(self) -> NoReturn:
         """Rich would exit with 1."""
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the interpreter still flushes at its end
         raise BrokenPipeError
 
 

@@ -47,6 +47,7 @@ class Processes(ABC):
 
     def __init__(self, folder: RunFolder, mind: Supervisor) -> None:
         self._folder = folder
+        self._opened = os.open(folder.path, os.O_RDONLY | os.O_DIRECTORY)  # so that no other one can be taken for it
         self._mind = mind
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._pids: dict[str, int] = {}
@@ -81,22 +82,38 @@ class Processes(ABC):
                     self._adopt(name, pid)
             self._handle(Tick(connected=False))  # starts what is missing
             while self._quit is None:
-                if stopping.asked:
-                    stopping.asked = False
-                    self._handle(StopAsked("stopped"))
-                if self._bus is None:
-                    self._bus = self.connect(stack)
-                self._inbox.take(TICK_S)
-                if not self._folder.config_file.exists():
+                try:
+                    self._go_on(stopping, stack)
+                except FileNotFoundError:
+                    stopping.wait(TICK_S)  # a deletion takes its time
+                    if not self._is_gone():
+                        raise
+                if self._is_gone():
                     for name in self._pids:
                         self._signal(name, signal.SIGKILL)
                     raise FolderGone(f"{self._folder.path} is gone, and so its processes have ended")
-                self._look_for_exits()
-                self.look()
-                self._handle(Tick(connected=self._connected()))
             outcome, reason = self._quit.outcome, self._quit.reason
             self._tell(outcome, None, f"{outcome}: {reason}" if reason else outcome)
             return self._quit
+
+    def _go_on(self, stopping: Stopping, stack: ExitStack) -> None:
+        if stopping.asked:
+            stopping.asked = False
+            self._handle(StopAsked("stopped"))
+        if self._bus is None:
+            self._bus = self.connect(stack)
+        self._inbox.take(TICK_S)
+        self._look_for_exits()
+        self.look()
+        self._handle(Tick(connected=self._connected()))
+
+    def _is_gone(self) -> bool:
+        """Somebody has deleted or moved the folder, or is at it; another one may be in its place."""
+        try:
+            is_there = os.path.samestat(self._folder.path.stat(), os.fstat(self._opened))
+        except FileNotFoundError:
+            return True
+        return not (is_there and self._folder.logs.is_dir() and self._folder.processes.is_dir())
 
     def _connected(self) -> bool:
         return self._bus is not None and self._bus.connected()
@@ -107,6 +124,8 @@ class Processes(ABC):
             code = None if child is None else child.poll()
             if code is None and (child is not None or holder(self._folder, name) is not None):
                 continue
+            if child is None and not (self._folder.processes / name).exists():
+                continue  # its lock stays when it ends: somebody is deleting the folder
             self._children.pop(name, None)
             del self._pids[name]
             if code == EXIT_RUNS_ALREADY and (pid := holder(self._folder, name)) is not None:

@@ -123,6 +123,11 @@ def supervised(folder: RunFolder) -> bool:
     return holder(folder, "supervisor") is not None
 
 
+def is_gone(folder: RunFolder) -> bool:
+    """Whether the folder of a run that had a supervisor was deleted or moved: the supervisor's lock stays in it."""
+    return not (folder.processes / "supervisor").exists()
+
+
 @contextmanager
 def reach(folder: RunFolder) -> Iterator[Bus]:
     """The bus of a run's cluster.

@@ -1,7 +1,7 @@
 """SIGTERM, by which batch systems and containers end a command before it is done: as clean an end as Ctrl-C's."""
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import NoReturn
 
@@ -21,10 +21,13 @@ def terminable() -> Iterator[None]:
 
 
 @contextmanager
-def never_missed() -> Iterator[None]:
+def never_missed() -> Iterator[Sequence[KeyboardInterrupt]]:
     """As `terminable`, but what a signal raises is raised at the end of the block if it was lost within.
 
     Python ignores what is raised in the callback of a weak reference or in `__del__`, and goes on.
+
+    Yields:
+        What came: a long block shall look at it.
     """
     came: list[KeyboardInterrupt] = []
 
@@ -34,7 +37,7 @@ def never_missed() -> Iterator[None]:
 
     before = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield
+        yield came
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

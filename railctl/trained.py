@@ -23,7 +23,7 @@ from railctl.deploy.follow import outcome_of, wait_until
 from railctl.deploy.growing import GrowingRows
 from railctl.deploy.launch import start_supervisor
 from railctl.deploy.resolve import merge, read_file
-from railctl.deploy.runs import Failed, find_checkpoint, supervised
+from railctl.deploy.runs import Failed, find_checkpoint, is_gone, supervised
 from railctl.policies import Policy
 
 LOOK_S = 0.2
@@ -115,7 +115,7 @@ class Run:
             on_row: hears every row, each once.
 
         Raises:
-            Failed: it failed, or its supervisor was killed.
+            Failed: it failed, or its supervisor was killed, or its folder is gone.
         """
         try:
             for row in self.follow():
@@ -124,6 +124,8 @@ class Run:
         except KeyboardInterrupt:
             self.stop()
             raise
+        if is_gone(self._folder):
+            raise Failed(f"{self.path} is gone, and so its processes end")
         if not self._folder.outcome_file.exists():
             raise Failed(f"the supervisor of run {self.name} was killed: railctl.train(name={self.name!r}) goes on")
         outcome, reason = outcome_of(self._folder)

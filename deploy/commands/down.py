@@ -74,8 +74,10 @@ def stop_far(place: Place, *, force: bool) -> str:
             with suppress(NoAnswer):  # it has ended meanwhile
                 bus.ask(STOP, Empty(), ASK_TIMEOUT_S)
         if not wait_until(lambda: not bus.connected(), PATIENCE_S):
-            raise Failed(f"run {run.name} does not stop: railctl down {place.address} --keys DIR --force")
-    return f"run {run.name} is down; railctl up --name {run.name} goes on, on its machine"
+            raise Failed(
+                f"run {run.name} does not stop: railctl down {place.address} --keys {place.credentials.folder} --force"
+            )
+    return f"run {run.name} stops, and its link has ended; railctl up --name {run.name} goes on, on its machine"
 
 
 def _end_the_rest(folder: RunFolder, *, force: bool) -> None:

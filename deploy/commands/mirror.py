@@ -37,11 +37,14 @@ def mirror(
             f"--mlflow {mlflow}: a store in memory ends with this command: name a file, as sqlite:///runs.db"
         )
     if mlflow.startswith(FILE):  # MLflow would make folders, or try again for minutes
-        place = Path(mlflow.removeprefix(FILE)).absolute().parent
-        if not place.is_dir():
-            raise ConfigError(f"--mlflow {mlflow}: there is no folder {place}: make it first")
-        if not os.access(place, os.W_OK):
-            raise Failed(f"--mlflow {mlflow}: nothing can be written into {place}: give a file in another folder")
+        store = Path(mlflow.removeprefix(FILE)).absolute()
+        if not store.parent.is_dir():
+            raise ConfigError(f"--mlflow {mlflow}: there is no folder {store.parent}: make it first")
+        if store.is_dir():
+            raise ConfigError(f"--mlflow {mlflow}: {store} is a folder: name a file")
+        for path in (store.parent, store) if store.exists() else (store.parent,):
+            if not os.access(path, os.R_OK | os.W_OK):
+                raise Failed(f"--mlflow {mlflow}: {path} cannot be written: give a file in another folder")
     if find_spec(NEEDS) is None:
         raise Failed(f"the package {NEEDS} is missing: pip install 'railctl[mlflow]'")
     with alone(folder):

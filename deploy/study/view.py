@@ -91,7 +91,7 @@ class StudyView:
 
     def ended(self, job: Job, event: Ended) -> None:
         """Say what is over."""
-        again = {"lost": "its supervisor was killed: taken up again", "failed": event.reason}.get(event.outcome, "")
+        again = {"lost": "its supervisor is gone: taken up again", "failed": event.reason}.get(event.outcome, "")
         done = "trained" if isinstance(job, PlannedRun) and event.outcome == "done" else event.outcome
         self.say(f"{job.name}: {again or done}")
 

@@ -3,6 +3,7 @@
 import json
 import os
 import resource
+import shutil
 import signal
 from pathlib import Path
 
@@ -129,19 +130,35 @@ def test_a_full_disk_ends_the_run_in_a_line(clusters, tail):
 
 
 def test_a_run_whose_folder_is_deleted_leaves_no_process(clusters, tail):
-    foreground = clusters.start("up", "--name", "deleted", *clusters.options)
-    folder = clusters.folder("deleted")
-    clusters.wait(folder.episodes_file.exists)
+    clusters.up("deleted", "--detach")
     tail("deleted").until(2)
     clusters.pause("deleted")
+    clusters.kill("deleted", "supervisor")
+    folder = clusters.folder("deleted")
+    clusters.wait(lambda: "supervisor" not in living(folder))
+    foreground = clusters.start("up", "--name", "deleted")
+    clusters.wait(lambda: clusters.status("deleted")["state"] == "paused")  # its processes are adopted
     processes = living(folder).values()
     endpoint, _ = folder.endpoint_and_namespace()
-    folder.path.rename(folder.path.with_name(".moved"))  # a deletion, to those who look; files cannot be made meanwhile
+    clusters.wait(lambda: not shutil.rmtree(folder.path, ignore_errors=True) and not folder.path.exists())
     _, errors = foreground.communicate(timeout=60)
     assert foreground.returncode == 1
     assert errors == f"railctl: {folder.path} is gone, and so its processes end\n"
     clusters.wait(lambda: not any(Path(f"/proc/{pid}").exists() for pid in processes))
     assert not Path(endpoint.removeprefix("unixsock-stream/")).exists()
+
+
+@pytest.mark.slow
+def test_up_without_a_reader_fails_and_its_run_goes_on(clusters):
+    foreground = clusters.start("up", "--name", "unread", *clusters.options, "--episodes", "100000")
+    assert foreground.stdout.readline()
+    foreground.stdout.close()
+    said = "nobody reads this any more; run unread goes on: railctl tail unread follows it"
+    with foreground.stderr as complaints:
+        assert complaints.read() == f"railctl: {said}\n"
+    assert foreground.wait(60) == 1
+    assert "supervisor" in living(clusters.folder("unread"))
+    clusters.railctl("down", "unread", "--force")
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
@@ -228,7 +229,8 @@ def main() -> None:
         if chosen.json:
             print(json.dumps({"rows": [asdict(row) for row in rows]}, indent=2))  # noqa: T201
         elif rows:
-            show(rows)
+            with suppress(BrokenPipeError):  # the reader has gone
+                show(rows)
 
 
 if __name__ == "__main__":

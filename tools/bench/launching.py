@@ -6,7 +6,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -46,6 +46,17 @@ class Case(NamedTuple):
         return self.actors // self.machines + (machine < self.actors % self.machines)
 
 
+class Joined(NamedTuple):
+    """A process that has a machine's actors, and the file with all that it says."""
+
+    process: subprocess.Popen[bytes]
+    log: Path
+
+    @property
+    def last_words(self) -> str:
+        return (self.log.read_text().splitlines() or ["it said nothing"])[-1]
+
+
 def play(case: Case, episodes: int, folder: str) -> None:
     """Have the run played from nothing to its end, in this folder of runs.
 
@@ -65,9 +76,11 @@ def play(case: Case, episodes: int, folder: str) -> None:
             railctl(folder, "keys", "create", keys, *(f"--host={machine.here}" for machine in machines))
             railctl(folder, "up", "--detach", *options, "--listen", f"tls/0.0.0.0:{port}", "--keys", keys)
             RunFolder(Path(folder) / NAME).paused_file.touch()  # its learner, which takes seconds to start, waits
-            for number, machine in enumerate(machines):
+            joined = [
                 stack.enter_context(_joined(case, number, machine, port, folder))
-            _wait_for_actors(case, folder)
+                for number, machine in enumerate(machines)
+            ]
+            _wait_for_actors(case, folder, joined)
             railctl(folder, "resume", NAME)
             options = ["--name", NAME]
         railctl(folder, "up", *options)
@@ -92,24 +105,28 @@ def railctl(folder: str, *arguments: str) -> str:
 
 
 @contextmanager
-def _joined(case: Case, number: int, machine: Machine, port: int, folder: str) -> Iterator[None]:
+def _joined(case: Case, number: int, machine: Machine, port: int, folder: str) -> Iterator[Joined]:
     """A machine's actors, until the run is trained or the block ends."""
+    log = Path(folder) / f"{machine.namespace}.log"
     actors = f"{case.level}={case.actors_of(number)}"
     join = (RAILCTL, "join", f"tls/{machine.here}:{port}", "--keys", f"{folder}/keys", "--actors", actors)
-    with subprocess.Popen(
-        machine.command(*join, "--wait", str(JOIN_PATIENCE_S)),
-        env=_environment(folder),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    ) as process:
+    with (
+        log.open("w") as output,
+        subprocess.Popen(
+            machine.command(*join, "--wait", str(JOIN_PATIENCE_S)),
+            env=_environment(folder) | {"TMPDIR": folder},  # where it keeps what it would leave behind if it is killed
+            stdout=output,
+            stderr=output,
+        ) as process,
+    ):
         try:
-            yield
+            yield Joined(process, log)
         except BaseException:
-            process.terminate()
+            process.kill()  # its actors end with it
             raise
 
 
-def _wait_for_actors(case: Case, folder: str) -> None:
+def _wait_for_actors(case: Case, folder: str, joined: Sequence[Joined]) -> None:
     """Return when the actors of all machines can act; raises as `play`, also if that takes too long."""
     deadline = time.monotonic() + JOIN_PATIENCE_S
     while time.monotonic() < deadline:
@@ -117,8 +134,12 @@ def _wait_for_actors(case: Case, folder: str) -> None:
         acting = [one for one in status["processes"] if one["role"] == "actor" and one["state"] != "starting"]
         if len(acting) == case.actors and status["state"] == "paused":
             return
+        for machine in joined:
+            if machine.process.poll() is not None:
+                raise DisagreementError(f"{case.name}: {machine.last_words}")
         time.sleep(LOOK_S)
-    raise DisagreementError(f"{case.name}: the actors did not come within {JOIN_PATIENCE_S} s: try fewer")
+    said = "; ".join(machine.last_words for machine in joined)
+    raise DisagreementError(f"{case.name}: not all actors came within {JOIN_PATIENCE_S} s: {said}")
 
 
 def _free_port() -> int:

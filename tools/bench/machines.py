@@ -42,7 +42,7 @@ class Machine:
             ip("link", "set", self.link, "up")
             ip("-n", self.namespace, "addr", "add", f"{self.there}/30", "dev", "far")
             ip("-n", self.namespace, "link", "set", "far", "up")
-        except NoMachinesError:
+        except BaseException:
             self._remove()
             raise
         return self

@@ -49,6 +49,8 @@ def run(
         except KeyboardInterrupt:
             console.print(f"stopped; {goes_on}", markup=False, soft_wrap=True)
             return
+        except BrokenPipeError:
+            raise Failed(f"nobody reads this any more; {goes_on}") from None
     progress = Looking(folder, study).look()
     print_table(cell_table(progress))
     console.print(f"{study.name}: {headline(progress, None)}", markup=False, soft_wrap=True)

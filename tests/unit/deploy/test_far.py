@@ -217,14 +217,15 @@ def test_an_operator_has_a_learner_told_from_anywhere(run, address, folder, tmp_
 def test_an_operator_stops_a_run_from_anywhere(run, address, folder, tmp_path, monkeypatch, force):
     monkeypatch.setattr("railctl.common.bus.Bus.connected", lambda _bus: len(run) <= len(force))
     said = railctl("down", address, "--keys", only(folder, tmp_path, "operator"), *force).stdout
-    assert said == "run one is down; railctl up --name one goes on, on its machine\n"
+    assert said == "run one stops, and its link has ended; railctl up --name one goes on, on its machine\n"
     assert run == [{}] * (1 + len(force))
 
 
 def test_a_run_that_does_not_stop_is_said(run, address, folder, tmp_path, monkeypatch):
     monkeypatch.setattr("railctl.deploy.commands.down.PATIENCE_S", 0.1)
-    said = complaint(FAILED, "down", address, "--keys", only(folder, tmp_path, "operator"))
-    assert said == f"railctl: run one does not stop: railctl down {address} --keys DIR --force"
+    theirs = only(folder, tmp_path, "operator")
+    said = complaint(FAILED, "down", address, "--keys", theirs)
+    assert said == f"railctl: run one does not stop: railctl down {address} --keys {theirs} --force"
 
 
 def test_a_tail_from_elsewhere_has_history_and_ends_with_the_link(run, address, folder, tmp_path, monkeypatch):

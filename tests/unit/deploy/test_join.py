@@ -75,6 +75,7 @@ def folder(tmp_path, made, address):
     """What a machine that joins has of a run."""
     folder = RunFolder(tmp_path / "run")
     folder.logs.mkdir(parents=True)
+    folder.processes.mkdir()
     folder.config_file.write_text(CONFIG)
     folder.cluster_file.write_text(json.dumps({"endpoint": address, "namespace": NAMESPACE, "keys": str(made)}))
     return folder
@@ -223,5 +224,12 @@ def test_patience_ends(address, made, monkeypatch):
     monkeypatch.setattr(join.time, "sleep", looks.append)
     monkeypatch.setattr(join.time, "monotonic", lambda: 7.0 + len(looks))
     with pytest.raises(NoAnswer, match="Connection refused"):
-        join._wait_for_run(address, Credentials(made, "actor"), 3.0)
+        join._wait_for_run(address, Credentials(made, "actor"), 3.0, [])
     assert len(looks) == 3
+
+
+def test_a_signal_that_was_lost_ends_the_wait(address, made, monkeypatch):
+    came = []
+    monkeypatch.setattr(join.time, "sleep", lambda _s: came.append(KeyboardInterrupt()))
+    join._wait_for_run(address, Credentials(made, "actor"), 3600.0, came)
+    assert len(came) == 1

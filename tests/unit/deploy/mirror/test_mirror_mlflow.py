@@ -148,11 +148,13 @@ def test_what_is_missing_or_wrong_is_one_line(run, monkeypatch):
     assert "there is no folder /no/such: make it" in complaint(
         2, "mirror", "one", "--mlflow", "sqlite:////no/such/a.db"
     )
+    assert f"{run.path} is a folder: name a file" in complaint(2, "mirror", "one", "--mlflow", f"sqlite:///{run.path}")
     (run.path / "text.db").write_text("no database" * 99)
     said = complaint(1, "mirror", "one", "--mlflow", f"sqlite:///{run.path}/text.db")
     assert said.endswith("text.db: (sqlite3.DatabaseError) file is not a database")
     with monkeypatch.context() as patch:
-        patch.setattr(os, "access", lambda _path, mode: mode != os.W_OK)  # root may write anywhere
-        assert "nothing can be written into /tmp: " in complaint(1, "mirror", "one", "--mlflow", "sqlite:////tmp/a.db")
+        patch.setattr(os, "access", lambda _path, _mode: False)  # root may write anywhere
+        said = complaint(1, "mirror", "one", "--mlflow", f"sqlite:///{run.path}/a.db")
+        assert f"{run.path} cannot be written: give a file in another folder" in said
     monkeypatch.setattr(command, "find_spec", lambda _name: None)
     assert complaint(1, "mirror", "one") == "railctl: the package mlflow is missing: pip install 'railctl[mlflow]'"
