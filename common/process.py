@@ -12,12 +12,12 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
-from railctl.common.bus import Bus, open_bus
+from railctl.common.bus import Bus, NoAnswer, open_bus
 from railctl.common.compile_signs import COMPILING, around_compiling
 from railctl.common.config import RunConfig
 from railctl.common.folder import RunFolder
 from railctl.common.inbox import Inbox
-from railctl.common.locks import RunsAlreadyError, sole
+from railctl.common.locks import RunsAlreadyError, holder, sole
 from railctl.common.parent import end_with_parent
 from railctl.common.private import OTHERS
 from railctl.common.records.base import Role
@@ -33,6 +33,7 @@ STARTING = "starting"  # the state before the heavy imports, which take seconds 
 EXIT_FATAL = 3  # starting this process again cannot help: its supervisor stops the run and shows the last line
 EXIT_RUNS_ALREADY = 4  # another process has the name: its supervisor looks after that one instead
 STRETCH_S = 0.05
+CONNECT_STRETCH_S = 5.0
 SWITCH_S = 0.0005  # a message that arrives while Python works is taken up after this, not after 5 ms
 OBJECTS_A_COLLECTION = 50_000  # the default, 700, has imports pass through all that is loaded over and over
 COMPILE_PATIENCE_S = 600.0  # a function that takes longer to compile, with all that it calls, hangs
@@ -138,16 +139,25 @@ def join(
     """Join the run, having the name's lock: configuration, bus (see there for `inbox`), liveliness token, heartbeat.
 
     Raises:
-        Fatal: inside, a file of the run could not be written for want of room.
+        Fatal: whoever started it is gone, and nobody else would end it; or, inside, a file of the run could not be
+            written for want of room.
     """
     config = folder.config()
     endpoint, namespace = folder.endpoint_and_namespace()
     credentials = folder.credentials()
-    if credentials is not None:
-        end_with_parent(signal.SIGTERM)  # nobody else on this machine would end it
+    if credentials is not None:  # nobody else on this machine would end it
+        end_with_parent(signal.SIGTERM)
+        if holder(folder, "supervisor") != os.getppid():
+            raise Fatal(f"{name}: whoever started it is gone")
     incarnation = uuid.uuid4().hex[:16]
     with ExitStack() as stack:
-        bus = stack.enter_context(open_bus(endpoint, namespace, inbox=inbox, credentials=credentials))
+        while True:
+            try:
+                bus = stack.enter_context(open_bus(endpoint, namespace, CONNECT_STRETCH_S, inbox, credentials))
+                break
+            except NoAnswer:
+                if stopping.asked:  # which nothing looks at while a link is tried
+                    sys.exit()
         bus.declare_alive(Alive(role, name, incarnation))
         heartbeat = HeartbeatPublisher(bus, name, role, HEARTBEATS if credentials is None else FAR_HEARTBEATS)
         stack.enter_context(around_compiling(heartbeat.while_compiling))

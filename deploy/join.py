@@ -17,6 +17,7 @@ from railctl.common.folder import Cluster, RunFolder
 from railctl.common.levels.bank import bank_root
 from railctl.common.levels.distributions import ANY, LevelFiles
 from railctl.common.levels.own import own_copy
+from railctl.common.locks import sole
 from railctl.common.process import Stopping
 from railctl.common.records.heartbeats import Heartbeat
 from railctl.common.records.joining import LevelsRequest, RunIntroduction
@@ -111,8 +112,9 @@ def join(address: str, credentials: Credentials, counts: Mapping[str, int], pati
             _wait_for_run(address, credentials, patience_s, came)
             folder = _made(RunFolder(path / "run"), address, credentials, counts)
         stopping = Stopping()
-        joiner = Joiner(folder, actors(counts, host_for(counts)))
-        end = joiner.run(stopping)
+        with sole(folder, "supervisor"):  # its actors see by this that it lives
+            joiner = Joiner(folder, actors(counts, host_for(counts)))
+            end = joiner.run(stopping)
     except FolderGone as gone:
         shutil.rmtree(path, ignore_errors=True)
         raise Failed(str(gone)) from None

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import threading
 import time
+from contextlib import contextmanager
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -310,13 +311,37 @@ def test_an_actor_on_another_machine_beats_where_only_the_status_believes_it(run
         json.dumps(cluster | {"keys": "keys"})
     )  # which a socket of this machine does not ask for
     beats = {topic.key: SimpleQueue() for topic in (keys.HEARTBEATS, keys.FAR_HEARTBEATS)}
-    with open_bus(*run.endpoint_and_namespace(), PATIENCE_S) as watcher:
+    with (
+        pytest.raises(Fatal, match="actor-node7-easy-0: whoever started it is gone"),
+        service_context(run, "actor-node7-easy-0", "actor"),
+    ):
+        pass
+    watched.clear()
+    monkeypatch.setattr(os, "getppid", os.getpid)
+    with sole(run, "supervisor"), open_bus(*run.endpoint_and_namespace(), PATIENCE_S) as watcher:
         for topic in (keys.HEARTBEATS, keys.FAR_HEARTBEATS):
             watcher.subscribe(topic, beats[topic.key].put)
         with service_context(run, "actor-node7-easy-0", "actor") as place:
             until_heard(place, beats["heartbeats/far"])
     assert beats["heartbeats"].empty()
     assert watched == [signal.SIGTERM]  # nobody else on its machine would end it
+
+
+def test_who_is_asked_to_stop_while_there_is_no_router_ends(run, handlers, monkeypatch):
+    tries = []
+
+    @contextmanager
+    def nobody(*_arguments):
+        tries.append(len(tries))
+        if len(tries) == 2:
+            os.kill(os.getpid(), signal.SIGTERM)
+        raise NoAnswer("no router")
+        yield
+
+    monkeypatch.setattr(process, "open_bus", nobody)
+    with pytest.raises(SystemExit) as ended, service_context(run, "actor-easy-0", "actor"):
+        pass
+    assert (tries, ended.value.code) == ([0, 1], None)
 
 
 def until_heard(place, beats):
