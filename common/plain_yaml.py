@@ -82,9 +82,21 @@ _Reader.yaml_implicit_resolvers = {
     first: [(tag, pattern) for tag, pattern in known if tag != TIMESTAMP]
     for first, known in yaml.SafeLoader.yaml_implicit_resolvers.items()
 }
-_Reader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"), list("-+0123456789")
-)
+_POWERS = "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"), list("-+0123456789")
+_Reader.add_implicit_resolver(*_POWERS)
+
+
+class _Writer(yaml.SafeDumper):
+    """The library's writer, which puts a text into quotes if the reader would take it for a number."""
+
+
+_Writer.add_implicit_resolver(*_POWERS)
+
+
+def dump_yaml(data: Any) -> str:
+    """A text that `parse_yaml` reads as these data, in their order."""
+    text: str = yaml.dump(data, Dumper=_Writer, sort_keys=False)
+    return text
 
 
 def parse_yaml(text: str) -> Any:

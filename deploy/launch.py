@@ -13,14 +13,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import yaml
-
 from railctl.common.checkpoint import CheckpointError
 from railctl.common.config import RunConfig
 from railctl.common.folder import Cluster, RunFolder, write_atomically
 from railctl.common.interpreter import run_module
 from railctl.common.levels.own import LEVELS, ReadLevels
 from railctl.common.locks import living
+from railctl.common.plain_yaml import dump_yaml
 from railctl.common.private import FOLDER_MODE, is_private, private_endpoint, private_files
 from railctl.common.records.rows import EpisodeRow, EvaluationRow, EventRow, MetricRow
 from railctl.common.rows import DamagedRows, each_row
@@ -189,7 +188,7 @@ def check_listening(config: RunConfig) -> None:
 
 def save_config(folder: RunFolder, config: RunConfig) -> None:
     """Write the resolved configuration."""
-    text = yaml.safe_dump(config.plain(), sort_keys=False)
+    text = dump_yaml(config.plain())
     write_atomically(folder.config_file, text)
 
 

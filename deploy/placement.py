@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-import yaml
-
 from railctl.analysis.study import Study
 from railctl.common.config import MAX_ACTORS, MAX_LAG, Plain, RunConfig
 from railctl.common.levels.distributions import ANY
+from railctl.common.plain_yaml import dump_yaml
 from railctl.common.strict import ConfigError, nearest, shortened
 from railctl.deploy.launch import check_name
 from railctl.deploy.resolve import resolve
@@ -59,7 +58,7 @@ class Placement:
     @property
     def run_file(self) -> str:
         """The run file that the host starts from; whatever becomes of the user's, this is what has been checked."""
-        return yaml.safe_dump(self.given, sort_keys=False)
+        return dump_yaml(self.given)
 
     @property
     def joiner(self) -> Size:

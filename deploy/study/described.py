@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
 from railctl.analysis.study import Contender, PlannedRun, Study, StudyFolder, planned_runs, read_study
 from railctl.common.config import PATHS, RunConfig
 from railctl.common.folder import write_atomically
 from railctl.common.levels.distributions import AnyLevels, StockLevels
+from railctl.common.plain_yaml import dump_yaml
 from railctl.common.strict import ConfigError, flat, nearest
 from railctl.deploy.resolve import merge, preset_of, resolve, spelled_out
 from railctl.deploy.runs import Failed, runs_root
@@ -163,7 +163,7 @@ def save_study(folder: StudyFolder, study: Study) -> None:
     if folder.study_file.exists():
         _compare(folder, read_study(folder.study_file), study)
         return
-    text = yaml.safe_dump(study.model_dump(mode="json"), sort_keys=False)
+    text = dump_yaml(study.model_dump(mode="json"))
     try:
         for path in (folder.path, folder.runs, folder.path / "evaluations", folder.path / "references"):
             path.mkdir(parents=True, exist_ok=True)
