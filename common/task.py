@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from typing import Any, NoReturn
 
 from railctl.common.compile_signs import COMPILING, around_compiling
-from railctl.common.room import NO_ROOM
+from railctl.common.room import NO_ROOM, without_room
 from railctl.common.strict import ConfigError, brief
 
 FAILED, WRONG_USAGE = 1, 2
@@ -81,8 +81,8 @@ def carry_out(work: Callable[[], None], *failures: type[Exception]) -> None:
     except failures as error:
         _end(str(error), FAILED)
     except OSError as error:
-        if error.errno in NO_ROOM:  # where from would mislead: a copy names its source
-            _end(f"{error.strerror}: make room on the disk, then run it again", FAILED)
+        if error.errno in NO_ROOM:
+            _end(without_room(error), FAILED)
         where = f"{brief(str(error.filename), 200)}: " if error.filename else ""  # a write does not know
         _end(f"{where}{error.strerror}", FAILED)
 

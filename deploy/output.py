@@ -16,7 +16,7 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from railctl.common.bus import NoAnswer
-from railctl.common.room import NO_ROOM
+from railctl.common.room import NO_ROOM, without_room
 from railctl.common.rows import DamagedRows
 from railctl.common.strict import ConfigError, brief, describe
 from railctl.common.task import FAILED, WRONG_USAGE
@@ -30,8 +30,13 @@ class _Output(Console):
 
     def on_broken_pipe(self) -> NoReturn:
         """Rich would exit with 1."""
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the interpreter still flushes at its end
+        _let_go_of_output()
         raise BrokenPipeError
+
+
+def _let_go_of_output() -> None:
+    """Nobody reads it any more, and the interpreter still flushes at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 console = _Output(highlight=False)
@@ -91,6 +96,19 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
+def check_folder_of(path: Path, given: str) -> None:
+    """Raise ConfigError if there is no folder for a file that shall be made; `given`: the option with its value."""
+    if not path.absolute().parent.is_dir():
+        raise ConfigError(f"{given}: there is no folder {path.parent}: make it first")
+
+
+def check_free(path: Path, given: str) -> None:
+    """The same, also if something is there already."""
+    if path.exists():
+        raise ConfigError(f"{given}: exists already: give another name")
+    check_folder_of(path, given)
+
+
 def one_line_errors(command: Callable[P, None]) -> Callable[P, None]:
     """Turn what goes wrong into one line on stderr and an exit code: 2 for wrong usage, 1 for failure."""
 
@@ -105,7 +123,7 @@ def one_line_errors(command: Callable[P, None]) -> Callable[P, None]:
         except ValidationError as error:  # of a request that the options make up
             _end(describe(error, BaseModel), WRONG_USAGE)
         except BrokenPipeError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the interpreter still flushes at its end
+            _let_go_of_output()  # of `print`, which does not
             sys.exit(0)
         except OSError as error:
             _end(*_of_the_system(error))
@@ -117,7 +135,7 @@ def _of_the_system(error: OSError) -> tuple[str, int]:
     """What the system complains of, and whether it is for what it was asked."""
     where = f"{brief(str(error.filename), 200)}: " if error.filename else ""  # a write does not know
     if error.errno in NO_ROOM:
-        return f"{error.strerror}: make room on the disk, then run it again", FAILED
+        return without_room(error), FAILED
     if isinstance(error, PermissionError):
         return f"{where}{error.strerror}: use a folder that you may read and write", FAILED
     if error.errno in NO_NAME:

@@ -12,7 +12,7 @@ from typing import Any
 from railctl.common.requests import DRAWING, LevelChoice, PlaybackRequest, RenderRequest
 from railctl.common.strict import ConfigError
 from railctl.deploy.commands.references import REFERENCES
-from railctl.deploy.output import counted
+from railctl.deploy.output import check_folder_of, counted
 from railctl.deploy.playback import play_back, playback_request
 from railctl.deploy.runs import Failed
 from railctl.deploy.task import run_task
@@ -85,9 +85,9 @@ def check_output(output: Path | None, step: int | None) -> None:
         raise ConfigError(f"--step {step}: a film shows all steps: add --output NAME.png, or leave it out")
     if suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise ConfigError(f"--output {output}: there is no ffmpeg to write it with: install ffmpeg, or write a .gif")
+    if output is not None:
+        check_folder_of(output, f"--output {output}")
     folder = Path.cwd() if output is None else output.absolute().parent
-    if not folder.is_dir():
-        raise ConfigError(f"--output {output}: there is no folder {folder}: make it first")
     if not os.access(folder, os.W_OK):
         raise Failed(f"{folder}: nothing can be written there: give --output in another folder")
     if output is not None and output.is_dir():

@@ -11,7 +11,7 @@ from railctl.common.strict import ConfigError
 from railctl.deploy.commands.references import check_orders, found_checkpoint
 from railctl.deploy.commands.run_options import without_none
 from railctl.deploy.levels import prepare_levels
-from railctl.deploy.output import AsJson, counted, one_line_errors, say
+from railctl.deploy.output import AsJson, check_free, counted, one_line_errors, say
 from railctl.deploy.resolve import algorithms, merge, parse_sets, read_file, resolve
 from railctl.deploy.runs import runs_root
 from railctl.deploy.task import run_task
@@ -95,7 +95,4 @@ def _check(policy: str, episodes: int, orders: int | None, out: Path, *, sample:
             f"--{'sample' if sample else 'greedy'}: {policy} is no network whose actions could be drawn, or the best: "
             "leave it out"
         )
-    if out.exists():
-        raise ConfigError(f"--out {out}: exists already: give another name")
-    if not out.absolute().parent.is_dir():
-        raise ConfigError(f"--out {out}: there is no folder {out.parent}: make it first")
+    check_free(out, f"--out {out}")

@@ -8,7 +8,7 @@ import typer
 
 from railctl.common.requests import ExportRequest
 from railctl.common.strict import ConfigError
-from railctl.deploy.output import AsJson, counted, one_line_errors, say
+from railctl.deploy.output import AsJson, check_free, counted, one_line_errors, say
 from railctl.deploy.runs import Failed, find_checkpoint
 from railctl.deploy.task import run_task
 
@@ -49,7 +49,7 @@ def export(
 def _to_onnx(name: str, output: Path) -> dict[str, Any]:
     if output.suffix != ".onnx":
         raise ConfigError(f"--output {output}: give a file that ends in .onnx, or --flatland for a folder")
-    _check_free("--output", output)
+    check_free(output, f"--output {output}")
     for package in ONNX_NEEDS:
         if find_spec(package) is None:
             raise Failed(f"the package {package} is missing: pip install 'railctl[onnx]'")
@@ -59,7 +59,7 @@ def _to_onnx(name: str, output: Path) -> dict[str, Any]:
 
 
 def _to_flatland(name: str, folder: Path) -> dict[str, Any]:
-    _check_free("--flatland", folder)
+    check_free(folder, f"--flatland {folder}")
     result = _written(FLATLAND_WRITER, name, folder)
     text = f"{folder}: {counted(len(result['files']), 'file')}; {folder / 'README.md'} has the commands"
     return result | {"text": text}
@@ -68,14 +68,6 @@ def _to_flatland(name: str, folder: Path) -> dict[str, Any]:
 def _written(module: str, name: str, output: Path) -> dict[str, Any]:
     request = ExportRequest(checkpoint=find_checkpoint(name), output=output)
     return run_task(module, request.model_dump_json())
-
-
-def _check_free(option: str, path: Path) -> None:
-    """Raise ConfigError unless something can be made there."""
-    if path.exists():
-        raise ConfigError(f"{option} {path}: exists already: give another name")
-    if not path.absolute().parent.is_dir():
-        raise ConfigError(f"{option} {path}: there is no folder {path.parent}: make it first")
 
 
 def _told(ends: dict[str, list[int]]) -> str:

@@ -12,7 +12,7 @@ from railctl.common.locks import living
 from railctl.common.strict import ConfigError
 from railctl.deploy.follow import outcome_of
 from railctl.deploy.mirror.following import Follower, alone
-from railctl.deploy.output import RunName, console, counted, one_line_errors
+from railctl.deploy.output import RunName, check_folder_of, console, counted, one_line_errors
 from railctl.deploy.runs import Failed, find_run
 
 NEEDS = "mlflow"
@@ -38,8 +38,7 @@ def mirror(
         )
     if mlflow.startswith(FILE):  # MLflow would make folders, or try again for minutes
         store = Path(mlflow.removeprefix(FILE)).absolute()
-        if not store.parent.is_dir():
-            raise ConfigError(f"--mlflow {mlflow}: there is no folder {store.parent}: make it first")
+        check_folder_of(store, f"--mlflow {mlflow}")
         if store.is_dir():
             raise ConfigError(f"--mlflow {mlflow}: {store} is a folder: name a file")
         for path in (store.parent, store) if store.exists() else (store.parent,):
