@@ -2,6 +2,8 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -41,6 +43,11 @@ def preset_of(algorithm: str) -> Plain:
     """
     if algorithm not in algorithms():
         raise ConfigError(f"unknown algorithm {shortened(algorithm)}{nearest(algorithm, algorithms())}")
+    return deepcopy(_read_preset(algorithm))
+
+
+@cache
+def _read_preset(algorithm: str) -> Plain:
     preset: Plain = yaml.safe_load((files("railctl.deploy.presets") / f"{algorithm}.yaml").read_text())
     return preset
 

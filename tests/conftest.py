@@ -1,5 +1,6 @@
 """For all tests: numerics get one thread, and arithmetic that repeats; both must be set before torch is imported."""
 
+import gc
 import os
 import shutil
 import signal
@@ -26,7 +27,11 @@ class RealClustersTogether(LoadFileScheduling):
 
 
 def pytest_xdist_make_scheduler(config, log):
-    return RealClustersTogether(config, log)
+    return RealClustersTogether(config, log) if config.option.dist == "loadfile" else None
+
+
+def pytest_collection_finish():
+    gc.freeze()  # libraries and thousands of tests stay: to look through them over and over takes a quarter of the time
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -9,12 +9,12 @@ FAST = ("--algorithm", "ppo", "--set", "evaluation.mode=greedy")
 
 @pytest.mark.slow
 def test_whoever_acts_a_run_that_begins_with_a_checkpoint_has_its_curve(clusters):
-    clusters.up_any("first", *FAST, "--episodes", "4")
-    checkpoint = clusters.root / "first" / "checkpoints" / "00000004.safetensors"
+    clusters.up_any("before", *FAST, "--episodes", "4")
+    checkpoint = clusters.root / "before" / "checkpoints" / "00000004.safetensors"
     start = ("--set", f"start_from={checkpoint}")
     clusters.up_any("alone", *FAST, *start, "--episodes", "6")
     clusters.up_any("acted", *FAST, *start, "--episodes", "6", "--actors", "easy=1", "--detach")
-    shutil.rmtree(clusters.root / "first")
+    shutil.rmtree(clusters.root / "before")
     clusters.railctl("tail", "acted")
     assert len(clusters.curve("alone")) == 7
     assert clusters.curve("acted") == clusters.curve("alone")

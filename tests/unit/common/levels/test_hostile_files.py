@@ -182,17 +182,21 @@ def archive() -> bytes:
 WHOLE = {"third.pkl": pickled(third()), "static.mpk": packed(static(6)), "ours.npz": archive()}
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One for all cases: to number a folder, pytest reads the names of all there are."""
+    return tmp_path_factory.mktemp("broken")
+
+
 @fuzz
 @pytest.mark.parametrize("name", WHOLE)
 @cases(150)
 @given(data=st.data())
-def test_what_is_cut_or_flipped_is_a_level_or_refused_in_one_line(
-    tmp_path_factory: pytest.TempPathFactory, name: str, data: st.DataObject
-):
+def test_what_is_cut_or_flipped_is_a_level_or_refused_in_one_line(folder: Path, name: str, data: st.DataObject):
     broken = bytearray(WHOLE[name])
     for at in data.draw(st.lists(st.integers(0, 8 * len(broken) - 1), max_size=4)):
         broken[at // 8] ^= 1 << at % 8
-    path = tmp_path_factory.mktemp("broken") / name
+    path = folder / name
     path.write_bytes(broken[: data.draw(st.integers(0, len(broken)) | st.just(len(broken)))])
     try:
         found = read(path)

@@ -331,16 +331,14 @@ def test_every_record_on_a_channel_is_tested_here():
 
 @fuzz
 @RECORD_TYPES
-def test_a_message_comes_back_as_it_was(record_type):
-    @cases(40)
-    @given(MESSAGES[record_type])
-    def comes_back(record):
-        body = encode(record)
-        back = decode(record_type, encoding_of(record_type), body)
-        assert same(record, back)
-        assert encode(back) == body
-
-    comes_back()
+@cases(40)
+@given(data=st.data())
+def test_a_message_comes_back_as_it_was(record_type, data):
+    record = data.draw(MESSAGES[record_type])
+    body = encode(record)
+    back = decode(record_type, encoding_of(record_type), body)
+    assert same(record, back)
+    assert encode(back) == body
 
 
 @fuzz
@@ -451,16 +449,13 @@ def test_what_is_no_msgpack_is_refused(body, kind):
 
 @fuzz
 @RECORD_TYPES
-def test_a_message_that_is_cut_off_is_refused(record_type):
-    @cases(10)
-    @given(MESSAGES[record_type], st.data())
-    def is_refused(record, data):
-        body = encode(record)
-        cut = data.draw(st.integers(0, len(body) - 1))
-        refusal(record_type, body[:cut])
-        refusal(record_type, body + body[:1])
-
-    is_refused()
+@cases(10)
+@given(data=st.data())
+def test_a_message_that_is_cut_off_is_refused(record_type, data):
+    body = encode(data.draw(MESSAGES[record_type]))
+    cut = data.draw(st.integers(0, len(body) - 1))
+    refusal(record_type, body[:cut])
+    refusal(record_type, body + body[:1])
 
 
 @fuzz
@@ -479,21 +474,18 @@ def test_random_bytes_are_refused_and_nothing_else_happens(record_type, body):
 
 @fuzz
 @pytest.mark.parametrize("record_type", [acting.Fragment, acting.LeaseAnswer, acting.Weights, control.Status])
-def test_flipped_bytes_are_refused_or_give_another_valid_message(record_type):
-    @cases(60)
-    @given(MESSAGES[record_type], st.data())
-    def nothing_else_happens(record, data):
-        body = bytearray(encode(record))
-        for _ in range(data.draw(st.integers(1, 3))):
-            body[data.draw(st.integers(0, len(body) - 1))] = data.draw(st.integers(0, 255))
-        try:
-            taken = decode(record_type, encoding_of(record_type), bytes(body))
-        except Refused:
-            return
-        again = decode(record_type, encoding_of(record_type), encode(taken))
-        assert same(taken, again)
-
-    nothing_else_happens()
+@cases(60)
+@given(data=st.data())
+def test_flipped_bytes_are_refused_or_give_another_valid_message(record_type, data):
+    body = bytearray(encode(data.draw(MESSAGES[record_type])))
+    for _ in range(data.draw(st.integers(1, 3))):
+        body[data.draw(st.integers(0, len(body) - 1))] = data.draw(st.integers(0, 255))
+    try:
+        taken = decode(record_type, encoding_of(record_type), bytes(body))
+    except Refused:
+        return
+    again = decode(record_type, encoding_of(record_type), encode(taken))
+    assert same(taken, again)
 
 
 PLAIN = st.recursive(
