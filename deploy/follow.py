@@ -18,6 +18,7 @@ from railctl.common.rows import each_row, last_rows
 from railctl.common.wire import keys
 from railctl.common.wire.keys import Service
 from railctl.deploy.growing import GrowingRows
+from railctl.deploy.runs import runs_elsewhere
 
 ASK_TIMEOUT_S = 3.0
 Row = EpisodeRow | EvaluationRow
@@ -41,12 +42,15 @@ def status_from_files(folder: RunFolder) -> Status:
     snapshots = [int(path.stem) for path in folder.snapshots.glob("*.safetensors") if path.stem.isdecimal()]
     alive = living(folder)
     outcome, reason = outcome_of(folder)
-    if "supervisor" in alive:
+    away = runs_elsewhere(folder)
+    if away is not None:
+        reason = away
+    elif "supervisor" in alive:
         reason = f"its supervisor, process {alive['supervisor']}, does not answer: it begins or hangs; ask again"
     return Status(
         run=folder.path.name,
         path=str(folder.path),
-        state="unsupervised" if alive else outcome,
+        state="unsupervised" if alive else outcome if away is None else "running",
         algorithm=config.algorithm,
         episodes=config.episodes,
         supervisor_pid=alive.get("supervisor"),

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from railctl.common.folder import RunFolder
-from railctl.common.locks import living
+from railctl.common.locks import elsewhere, living
 from railctl.common.recent import RECENT_EPISODES, mean_of
 from railctl.common.records.rows import EpisodeRow
 from railctl.common.rows import DamagedRows, last_rows
@@ -53,8 +53,8 @@ def listed(folder: RunFolder) -> Listed:
 def state_of(folder: RunFolder) -> str:
     """What its locks and files say of a run."""
     alive = living(folder)
-    if not alive:
+    if not alive and elsewhere(folder) is None:
         return outcome_of(folder)[0]
-    if "supervisor" not in alive:
+    if alive and "supervisor" not in alive:
         return "unsupervised"
     return "paused" if folder.paused_file.exists() else "running"

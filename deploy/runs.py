@@ -8,7 +8,7 @@ from pathlib import Path
 
 from railctl.common.bus import Bus, NoAnswer, open_bus
 from railctl.common.folder import RunFolder
-from railctl.common.locks import holder, living
+from railctl.common.locks import elsewhere, holder, living
 from railctl.common.strict import ConfigError, brief, nearest, shortened
 
 CONNECT_TIMEOUT_S = 2.0
@@ -128,6 +128,18 @@ def is_gone(folder: RunFolder) -> bool:
     return not (folder.processes / "supervisor").exists()
 
 
+def runs_elsewhere(folder: RunFolder) -> str | None:
+    """What to say of a run whose processes are on another machine or in another container that shares its folder."""
+    host = elsewhere(folder)
+    return None if host is None else f"run {folder.path.name} runs on {host}: ask there"
+
+
+def check_here(folder: RunFolder) -> None:
+    """Raises Failed for a run whose processes are elsewhere: nobody here can steer them or take them over."""
+    if (said := runs_elsewhere(folder)) is not None:
+        raise Failed(f"{said}, or stop it there first")
+
+
 @contextmanager
 def reach(folder: RunFolder) -> Iterator[Bus]:
     """The bus of a run's cluster.
@@ -137,6 +149,7 @@ def reach(folder: RunFolder) -> Iterator[Bus]:
     """
     endpoint, namespace = folder.endpoint_and_namespace()
     if not living(folder):
-        raise NoAnswer(f"run {folder.path.name} is not running: railctl up --name {folder.path.name} resumes it")
+        stopped = f"run {folder.path.name} is not running: railctl up --name {folder.path.name} resumes it"
+        raise NoAnswer(runs_elsewhere(folder) or stopped)
     with open_bus(endpoint, namespace, CONNECT_TIMEOUT_S) as bus:
         yield bus

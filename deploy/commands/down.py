@@ -15,7 +15,7 @@ from railctl.common.wire.keys import STOP
 from railctl.deploy.far import Place, place_of, reach_far
 from railctl.deploy.follow import wait_until
 from railctl.deploy.output import AsJson, Keys, RunOrAddress, one_line_errors, say
-from railctl.deploy.runs import Failed, find_run, reach, supervised
+from railctl.deploy.runs import Failed, check_here, find_run, reach, supervised
 from railctl.deploy.supervisor import STAGES
 
 ASK_TIMEOUT_S = 3.0
@@ -37,6 +37,7 @@ def down(
         say(text, {"done": True, "text": text}, as_json=as_json)
         return
     folder = find_run(run)
+    check_here(folder)
     if not living(folder):
         say(f"run {folder.path.name} is not running", {"done": True, "text": "not running"}, as_json=as_json)
         return

@@ -42,7 +42,7 @@ from railctl.deploy.launch import (
 from railctl.deploy.levels import prepare_levels, read_own
 from railctl.deploy.output import console, counted, one_line_errors, print_table
 from railctl.deploy.resolve import parse_actors, resolve, resolve_existing
-from railctl.deploy.runs import Failed, runs_root, supervised
+from railctl.deploy.runs import Failed, check_here, runs_root, supervised
 from railctl.deploy.show import summary
 
 
@@ -115,6 +115,7 @@ def prepare(name: str | None, given: dict[str, Any], base: Path = Path()) -> tup
         _prepare_levels(config)
         return new_run(name, config, own=own, base=base), config
     folder = RunFolder(runs_root() / name)
+    check_here(folder)
     config = resolve_existing(folder.config(), given, name, base)
     if supervised(folder):
         check_door(folder, config)

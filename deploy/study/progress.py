@@ -8,7 +8,7 @@ from typing import Any, Literal
 from railctl.analysis.report import archive
 from railctl.analysis.study import PlannedRun, Study, StudyFolder, planned_runs
 from railctl.common.folder import RunFolder
-from railctl.common.locks import living
+from railctl.common.locks import elsewhere, living
 from railctl.common.records.rows import EpisodeRow
 from railctl.common.rows import DamagedRows, each_row
 from railctl.deploy.follow import outcome_of
@@ -131,7 +131,7 @@ def run_progress(folder: StudyFolder, study: Study, run: PlannedRun) -> RunProgr
         episodes = sum(1 for _ in each_row(place.episodes_file, EpisodeRow))
     except DamagedRows as error:
         return RunProgress(run, "failed", 0, str(error))
-    if supervised(place):
+    if supervised(place) or elsewhere(place) is not None:
         return RunProgress(run, "running", episodes)
     return RunProgress(run, "failed", episodes, reason) if outcome == "failed" else RunProgress(run, episodes=episodes)
 

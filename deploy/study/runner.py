@@ -23,7 +23,7 @@ from railctl.deploy.commands.references import REFERENCE_SCORER
 from railctl.deploy.follow import outcome_of
 from railctl.deploy.launch import check_existing, new_run, save_config, start_supervisor
 from railctl.deploy.levels import read_own
-from railctl.deploy.runs import Failed, supervised
+from railctl.deploy.runs import Failed, check_here, supervised
 from railctl.deploy.study.dispatcher import (
     Adopted,
     Begin,
@@ -148,6 +148,7 @@ class Runner:
         else:
             if folder.config().science != config.science:
                 raise Failed(f"{folder.config_file} is not what the study says: delete {folder.path} to train it anew")
+            check_here(folder)
             check_existing(folder, config)
             save_config(folder, config)
         start_supervisor(folder, config, bank=self._bank)

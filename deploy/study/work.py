@@ -9,7 +9,7 @@ from rich.console import Console
 from railctl.analysis.study import Study, StudyFolder, planned_runs
 from railctl.common.folder import RunFolder
 from railctl.common.levels.bank import bank_root
-from railctl.common.locks import RunsAlreadyError, holder, living, sole
+from railctl.common.locks import RunsAlreadyError, elsewhere, holder, living, sole
 from railctl.common.process import Stopping
 from railctl.common.strict import ConfigError
 from railctl.deploy.runs import Failed, runs_root
@@ -50,15 +50,17 @@ def alone(folder: StudyFolder, share: Share | None = None) -> Iterator[None]:
             if share is not None:
                 others = {name: pid for name, pid in others.items() if not name.endswith(f"-of-{share.out_of}")}
             for pid in others.values():
-                raise _works_already(folder, pid)
+                raise _works_already(folder, f"process {pid}")
             yield
     except RunsAlreadyError:
-        raise _works_already(folder, holder(folder, own)) from None
+        host = elsewhere(folder)
+        who = f"process {holder(folder, own)}" if host is None else f"a process on {host}"
+        raise _works_already(folder, who) from None
 
 
-def _works_already(folder: StudyFolder, pid: int | None) -> Failed:
+def _works_already(folder: StudyFolder, who: str) -> Failed:
     name = folder.path.name
-    return Failed(f"process {pid} works on study {name} already: railctl study status {name} shows it")
+    return Failed(f"{who} works on study {name} already: railctl study status {name} shows it")
 
 
 def carry_out(

@@ -10,13 +10,16 @@ import pytest
 from railctl.common import locks
 from railctl.common.folder import RunFolder
 from railctl.common.interpreter import PYTHON
-from railctl.common.locks import RunsAlreadyError, holder, living, sole
+from railctl.common.locks import RunsAlreadyError, elsewhere, holder, living, sole
 
 HOLDER = """
-import sys
+import socket, sys
 from pathlib import Path
+from railctl.common import locks
 from railctl.common.folder import RunFolder
 from railctl.common.locks import sole
+if len(sys.argv) == 4:
+    socket.gethostname = locks._machine = lambda: sys.argv[3]
 with sole(RunFolder(Path(sys.argv[1])), sys.argv[2]):
     print("holds", flush=True)
     sys.stdin.read()
@@ -29,10 +32,10 @@ def folder(tmp_path):
 
 
 @contextmanager
-def another(folder, name):
-    """A process that holds a name until its input ends."""
+def another(folder, name, *machine):
+    """A process that holds a name until its input ends, perhaps as if on another machine."""
     with subprocess.Popen(
-        [*PYTHON, "-c", HOLDER, str(folder.path), name],
+        [*PYTHON, "-c", HOLDER, str(folder.path), name, *machine],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -133,3 +136,23 @@ def test_a_lock_whose_content_is_no_pid_names_nobody(folder):
         file.write("half a")
         file.flush()
         assert holder(folder, "learner") is None
+
+
+def test_a_pid_of_another_machine_means_nothing_here(folder, monkeypatch):
+    monkeypatch.setattr(locks, "PATIENCE_S", 0.05)
+    with sole(folder, "evaluator"):
+        assert elsewhere(folder) is None
+        with another(folder, "learner", "node7"):
+            assert holder(folder, "learner") is None
+            assert living(folder) == {"evaluator": os.getpid()}
+            assert elsewhere(folder) == "node7"
+            with pytest.raises(RunsAlreadyError, match="runs already, on node7"), sole(folder, "learner"):
+                pass
+        assert elsewhere(folder) is None
+
+
+def test_a_process_of_an_earlier_version_lives_here(folder):
+    with sole(folder, "learner"):
+        (folder.processes / "learner").write_text(str(os.getpid()))
+        assert holder(folder, "learner") == os.getpid()
+        assert elsewhere(folder) is None

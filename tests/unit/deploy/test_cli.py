@@ -593,6 +593,26 @@ def cluster(root):
         yield said
 
 
+def test_a_run_of_another_machine_is_seen_and_not_steered(root):
+    folder = make()
+    write_cluster_file(folder, folder.config())
+    kept = folder.cluster_file.read_bytes()
+    with ExitStack() as stack:
+        with pytest.MonkeyPatch.context() as there:
+            there.setattr("railctl.common.locks._machine", lambda: "another")
+            there.setattr("socket.gethostname", lambda: "node7")
+            stack.enter_context(sole(folder, "supervisor"))
+        for arguments in (["up", "--name", "one"], ["down", "one"], ["down", "--force", "one"]):
+            assert complaint(FAILED, *arguments) == "run one runs on node7: ask there, or stop it there first"
+        for arguments in (["pause", "one"], ["scale", "one", "easy=2"], ["checkpoint", "one"]):
+            assert complaint(FAILED, *arguments) == "run one runs on node7: ask there"
+        text = output("status", "one")
+        assert text.startswith("one: running")
+        assert text.endswith("! run one runs on node7: ask there\n")
+        assert json.loads(output("list", "--json"))["runs"][0]["state"] == "running"
+        assert folder.cluster_file.read_bytes() == kept
+
+
 def test_the_status_of_a_running_run(cluster):
     text = output("status", "one")
     assert text.startswith("one: running ...")
