@@ -11,6 +11,7 @@ import uuid
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 from railctl.common.bus import Bus, NoAnswer, open_bus
 from railctl.common.compile_signs import COMPILING, around_compiling
@@ -70,18 +71,24 @@ class Stopping:
 class HeartbeatPublisher:
     """Publishes a sign of life, at most one a second, from the process's own loop, or for it while that compiles."""
 
-    def __init__(self, bus: Bus, name: str, role: Role, topic: Topic[Heartbeat] = HEARTBEATS) -> None:
+    def __init__(self, bus: Bus, lock: Path, role: Role, topic: Topic[Heartbeat] = HEARTBEATS) -> None:
+        """`lock` is the file of the process's name, which stays for as long as there is a run."""
         self._bus = bus
-        self._name = name
+        self._lock = lock
         self._role = role
         self._topic = topic
         self._next = 0.0
         self._last_report: Report | None = None
 
     def beat(self, state: str, report: Callable[[], Report | None] = lambda: None, *, now: bool = False) -> None:
-        """Say what this process does; `now` also when the last beat was just before."""
+        """Say what this process does; `now` also when the last beat was just before.
+
+        Raises:
+            Fatal: the run's folder is gone, and its supervisor perhaps as well, which would see to that.
+        """
         if not now and time.monotonic() < self._next:
             return
+        check_there(self._lock)
         self._last_report = report()
         self._publish(state)
 
@@ -107,8 +114,14 @@ class HeartbeatPublisher:
         self._next = time.monotonic() + HEARTBEAT_EVERY_S
         self._bus.publish(
             self._topic,
-            Heartbeat(process=self._name, role=self._role, pid=os.getpid(), state=state, report=self._last_report),
+            Heartbeat(process=self._lock.name, role=self._role, pid=os.getpid(), state=state, report=self._last_report),
         )
+
+
+def check_there(lock: Path) -> None:
+    """Raises Fatal if the folder of a run was deleted or moved, which the file of a process's name shows."""
+    if not lock.exists():
+        raise Fatal(f"{lock.parents[1]} is gone, and so {lock.name} ends")
 
 
 @dataclass(frozen=True)
@@ -139,8 +152,8 @@ def join(
     """Join the run, having the name's lock: configuration, bus (see there for `inbox`), liveliness token, heartbeat.
 
     Raises:
-        Fatal: whoever started it is gone, and nobody else would end it; or, inside, a file of the run could not be
-            written for want of room.
+        Fatal: whoever started it is gone, and nobody else would end it, or the run's folder is; or, inside, a file of
+            the run could not be written for want of room.
     """
     config = folder.config()
     endpoint, namespace = folder.endpoint_and_namespace()
@@ -149,7 +162,7 @@ def join(
         end_with_parent(signal.SIGTERM)
         if holder(folder, "supervisor") != os.getppid():
             raise Fatal(f"{name}: whoever started it is gone")
-    incarnation = uuid.uuid4().hex[:16]
+    incarnation, lock = uuid.uuid4().hex[:16], folder.processes / name
     with ExitStack() as stack:
         while True:
             try:
@@ -158,8 +171,9 @@ def join(
             except NoAnswer:
                 if stopping.asked:  # which nothing looks at while a link is tried
                     sys.exit()
+                check_there(lock)
         bus.declare_alive(Alive(role, name, incarnation))
-        heartbeat = HeartbeatPublisher(bus, name, role, HEARTBEATS if credentials is None else FAR_HEARTBEATS)
+        heartbeat = HeartbeatPublisher(bus, lock, role, HEARTBEATS if credentials is None else FAR_HEARTBEATS)
         stack.enter_context(around_compiling(heartbeat.while_compiling))
         heartbeat.beat(STARTING)
         log.info("%s started as process %d", name, os.getpid())

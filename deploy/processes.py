@@ -166,9 +166,22 @@ class Processes(ABC):
                     self._quit = order
 
     def _launch(self, spec: ProcessSpec) -> None:
+        try:
+            child = self._start(spec)
+        except FileNotFoundError:
+            raise  # the folder is gone
+        except OSError as error:  # no room, or a limit of processes or files: as if it had died at once
+            self._handle(Exited(spec.name, None, f"it cannot be started: {error.strerror}"))
+            return
+        log.info("started %s as process %d", spec.name, child.pid)
+        self._tell("started", spec.name, f"{spec.name} started as process {child.pid}")
+        self._children[spec.name] = child
+        self._pids[spec.name] = child.pid
+
+    def _start(self, spec: ProcessSpec) -> "subprocess.Popen[bytes]":
         with (self._folder.logs / f"{spec.name}.log").open("ab") as output:
             self._log_starts[spec.name] = output.tell()
-            child = subprocess.Popen(
+            return subprocess.Popen(
                 spec.command(self._folder.path),
                 stdin=subprocess.DEVNULL,
                 stdout=output,
@@ -176,10 +189,6 @@ class Processes(ABC):
                 env=os.environ | ENVIRONMENT,
                 start_new_session=True,
             )
-        log.info("started %s as process %d", spec.name, child.pid)
-        self._tell("started", spec.name, f"{spec.name} started as process {child.pid}")
-        self._children[spec.name] = child
-        self._pids[spec.name] = child.pid
 
     def _tell(self, kind: EventKind, process: str | None, text: str) -> None:
         self._events.write(Happening(kind, process, text))

@@ -108,9 +108,15 @@ class Runner(Processes):
             text = f"this run has no level {wrong[0]}: it has {', '.join(self._config.mix)}"
             question.answer(CommandAnswer(done=False, text=text))
             return
-        counts = self._counts = self._counts | question.request.actors
+        counts = self._counts | question.request.actors
         kept = Cluster(endpoint=self.endpoint, namespace=self._namespace, actors=counts)
-        write_atomically(self._folder.cluster_file, kept.model_dump_json(indent=2))
+        try:
+            write_atomically(self._folder.cluster_file, kept.model_dump_json(indent=2))
+        except OSError as error:
+            text = f"{self._folder.cluster_file}: {error.strerror}: the actors stay as they are"
+            question.answer(CommandAnswer(done=False, text=text))
+            return
+        self._counts = counts
         text = "actors are now " + " ".join(f"{name}={count}" for name, count in counts.items())
         unserved = [level for level in self._config.mix if not (counts.get(level) or counts.get("any"))]
         if unserved and any(counts.values()):  # with none at all the learner acts

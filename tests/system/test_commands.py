@@ -149,6 +149,18 @@ def test_a_run_whose_folder_is_deleted_leaves_no_process(clusters, tail):
 
 
 @pytest.mark.slow
+def test_nor_does_one_whose_supervisor_had_been_killed(clusters, tail):
+    clusters.up("orphaned", "--actors", "easy=1", "--detach")
+    tail("orphaned").until(2)
+    folder = clusters.folder("orphaned")
+    processes = living(folder)
+    clusters.kill("orphaned", "supervisor")
+    clusters.wait(lambda: not shutil.rmtree(folder.path, ignore_errors=True) and not folder.path.exists())
+    assert {"router", "learner", "actor-easy-0"} <= processes.keys()
+    clusters.wait(lambda: not any(Path(f"/proc/{pid}").exists() for pid in processes.values()))
+
+
+@pytest.mark.slow
 def test_up_without_a_reader_fails_and_its_run_goes_on(clusters):
     foreground = clusters.start("up", "--name", "unread", *clusters.options, "--episodes", "100000")
     assert foreground.stdout.readline()

@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import shutil
 import signal
 import subprocess
 import threading
@@ -130,11 +131,19 @@ class Wire:
         self.published.append(record)
 
 
-def test_a_heart_beats_at_most_once_a_second_unless_it_must(monkeypatch):
+@pytest.fixture
+def lock(tmp_path):
+    path = tmp_path / "processes" / "actor-easy-0"
+    path.parent.mkdir()
+    path.touch()
+    return path
+
+
+def test_a_heart_beats_at_most_once_a_second_unless_it_must(monkeypatch, lock):
     clock, wire = Clock(), Wire()
     clock.now = 100.0
     monkeypatch.setattr(process, "time", clock)
-    heartbeat = HeartbeatPublisher(wire, "actor-easy-0", "actor")
+    heartbeat = HeartbeatPublisher(wire, lock, "actor")
     report = ActorReport(acted=3, kept=1)
     heartbeat.beat("starting")
     heartbeat.beat("training", lambda: pytest.fail("counted for nothing"))
@@ -154,6 +163,16 @@ def test_a_heart_beats_at_most_once_a_second_unless_it_must(monkeypatch):
     assert {(beat.process, beat.role, beat.pid) for beat in wire.published} == {("actor-easy-0", "actor", os.getpid())}
 
 
+def test_a_heart_stops_with_the_folder_of_its_run(lock, tmp_path):
+    published = Published()
+    heartbeat = HeartbeatPublisher(published, lock, "actor")
+    heartbeat.beat("training")
+    shutil.rmtree(lock.parent)
+    with pytest.raises(Fatal, match=f"{tmp_path} is gone, and so actor-easy-0 ends"):
+        heartbeat.beat("training", now=True)
+    assert published.qsize() == 1
+
+
 class Published(SimpleQueue):
     """Hands on what is published to who waits for it."""
 
@@ -161,10 +180,10 @@ class Published(SimpleQueue):
         self.put(record)
 
 
-def test_a_heart_beats_while_its_process_compiles(monkeypatch):
+def test_a_heart_beats_while_its_process_compiles(monkeypatch, lock):
     monkeypatch.setattr(process, "HEARTBEAT_EVERY_S", 0.01)
     published, report = Published(), ActorReport(acted=3, kept=1)
-    heartbeat = HeartbeatPublisher(published, "actor-easy-0", "actor")
+    heartbeat = HeartbeatPublisher(published, lock, "actor")
     with around_compiling(heartbeat.while_compiling):
         heartbeat.beat("acting", lambda: report, now=True)
         with compiling("outer"), compiling("inner"):
@@ -177,10 +196,10 @@ def test_a_heart_beats_while_its_process_compiles(monkeypatch):
         assert not any("compiling" in thread.name for thread in threading.enumerate())  # nobody asked for it any more
 
 
-def test_a_heart_stops_when_compiling_hangs(monkeypatch):
+def test_a_heart_stops_when_compiling_hangs(monkeypatch, lock):
     monkeypatch.setattr(process, "COMPILE_PATIENCE_S", 0.0)
     published = Published()
-    with HeartbeatPublisher(published, "actor-easy-0", "actor").while_compiling("endless"):
+    with HeartbeatPublisher(published, lock, "actor").while_compiling("endless"):
         pass
     assert published.empty()
 

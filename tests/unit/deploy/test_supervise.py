@@ -1,17 +1,20 @@
 """What the supervisor tells machines that join; what it decides is tested with its mind."""
 
+import errno
+import os
 import signal
 
 import pytest
 
 from railctl.common.folder import RunFolder
 from railctl.common.levels.own import own_copy
-from railctl.common.records.control import Empty
+from railctl.common.records.control import Empty, ScaleRequest
 from railctl.common.records.joining import LevelsRequest
-from railctl.deploy import supervise
+from railctl.deploy import processes, supervise
 from railctl.deploy.launch import new_run, write_cluster_file
 from railctl.deploy.resolve import resolve
 from railctl.deploy.supervise import Runner
+from railctl.deploy.supervisor import Tick
 
 
 class Asked:
@@ -68,3 +71,33 @@ def test_level_files_that_are_not_there_or_too_large_are_refused(runner, tmp_pat
     runner._on_pull_levels(question)
     assert question.refused == "mine.npz has 6 bytes, and 5 is the most that is sent"
     assert question.answered is None
+
+
+def failing(number):
+    def fail(*_args, **_options):
+        raise OSError(number, os.strerror(number))
+
+    return fail
+
+
+def test_what_the_system_does_not_start_counts_as_died(runner, monkeypatch):
+    monkeypatch.setattr(processes.subprocess, "Popen", failing(errno.EAGAIN))
+    runner._folder.logs.mkdir(exist_ok=True)
+    runner._handle(Tick(connected=False))
+    assert runner._mind.wards["learner"].state == "waiting"
+    assert "learner died: starts again in 0.5 s" in runner.status().problems
+    wards = runner._mind.wards["router"]
+    wards.deaths = [wards.deaths[0]] * runner._config.cluster.max_restarts
+    wards.since = 0.0
+    runner._handle(Tick(connected=False))
+    assert runner._quit.reason.endswith("it cannot be started: Resource temporarily unavailable; see logs/router.log")
+
+
+def test_a_scale_that_cannot_be_kept_changes_nothing(runner, monkeypatch):
+    monkeypatch.setattr(supervise, "write_atomically", failing(errno.ENOSPC))
+    question = Asked(ScaleRequest(actors={"easy": 3}))
+    runner._on_scale(question)
+    assert not question.answered.done
+    assert question.answered.text.endswith("cluster.json: No space left on device: the actors stay as they are")
+    assert runner._counts == {"easy": 0}
+    assert not any(name.startswith("actor") for name in runner._mind.wards)
