@@ -13,6 +13,7 @@ from railctl.common.records.base import Array, Count, Name, Record
 from railctl.common.records.course import Course, check_range
 
 PLAIN = {bool, int, float, str, NoneType}  # what is surely no record: to ask pydantic takes longer
+Seconds = Annotated[float, Field(ge=0, le=1e9)]  # thirty years: whatever sleeps meanwhile, and sums stay finite
 UNSAID_IF_EMPTY = "following"  # came last, and most runs do without: their digests are as they were before
 
 
@@ -64,8 +65,8 @@ class Circumstances(Record):
     """What the content of a fragment does not depend on."""
 
     actor: Name
-    acting_s: float = Field(ge=0)
-    waited_s: float = Field(ge=0)  # for the lease
+    acting_s: Seconds
+    waited_s: Seconds  # for the lease
 
 
 class Fragment(Record):

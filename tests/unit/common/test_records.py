@@ -228,6 +228,8 @@ def test_decisions_are_picked_and_joined_in_all_their_columns():
         ("acting_s", -0.1),
         ("acting_s", float("nan")),
         ("acting_s", float("inf")),
+        ("acting_s", 1.7e308),  # two of these are no number
+        ("waited_s", 1.7e308),
         ("max_steps", 0),
     ],
 )
