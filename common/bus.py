@@ -25,6 +25,7 @@ from railctl.common import sessions
 from railctl.common.inbox import Inbox
 from railctl.common.records.base import Record
 from railctl.common.sessions import Door
+from railctl.common.sparing import is_told
 from railctl.common.tls import Credentials
 from railctl.common.wire.codec import Refused, decode, encode, encoding_of
 from railctl.common.wire.keys import Alive, Service, Topic, absolute
@@ -295,7 +296,7 @@ class Bus:
 
     def _refuse(self, key: str, reason: Exception) -> None:
         self.refused += 1
-        if self.refused <= 20 or self.refused % 1000 == 0:
+        if is_told(self.refused):
             log.warning("refused a message on %s (the %d.): %s", key, self.refused, reason)
 
 

@@ -16,6 +16,7 @@ from railctl.common.records.checkpoints import CheckpointFile, CheckpointNotice,
 from railctl.common.records.control import CommandAnswer, Empty, LearnerCommand
 from railctl.common.records.heartbeats import LearnerReport
 from railctl.common.records.rows import HISTORY_PATIENCE_S, EpisodeRows, HistoryRequest
+from railctl.common.sparing import is_told
 from railctl.common.wire import keys
 from railctl.common.wire.keys import Alive
 from railctl.services.learner.account import Account, is_due, row_of
@@ -163,8 +164,8 @@ class Learner:
             self._act_if_nobody_shall()
 
     def _on_fragment(self, fragment: Fragment) -> None:
-        if (refusal := self._desk.arrive(fragment)) is not None:
-            log.warning("%s", refusal)
+        if (refusal := self._desk.arrive(fragment)) is not None and is_told(self._desk.refused):
+            log.warning("%s (the %d.)", refusal, self._desk.refused)
 
     def _on_lease(self, question: Question[LeaseRequest, LeaseAnswer]) -> None:
         self._send(self._desk.ask(question, question.request, time.monotonic()))

@@ -236,6 +236,20 @@ def test_an_exact_run_whose_curve_comes_out_different_says_so(tmp_path, caplog):
     assert "episode 0 is not what it was before the restart" in caplog.text
 
 
+def test_the_log_says_the_first_of_many_refusals_and_then_only_how_many_there_were(tmp_path, caplog):
+    cluster = Cluster(RunFolder(tmp_path), config(0))
+    cluster.come("one")
+    fragment = acted(cluster.lease("one"), actor="two")
+    for _ in range(2000):
+        cluster.wire.on_fragment(fragment)
+    cluster.learner.turn()
+    cluster.learner.close()
+    said = [message for message in caplog.messages if message.startswith("refused")]
+    assert len(said) == 22
+    assert said[-1] == "refused episode 0, fragment 0 of two: it is leased to one (the 2000.)"
+    assert cluster.learner._desk.refused == 2000
+
+
 def test_a_free_run_keeps_the_weights_of_its_newest_checkpoint(tmp_path):
     """It would not come to them again, and who looks at its scores would look at those of others."""
     folder = RunFolder(tmp_path)
