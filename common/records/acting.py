@@ -1,8 +1,9 @@
 """How work is handed out and comes back: questions for work, leases, and fragments of episodes."""
 
 import hashlib
+from collections.abc import Iterable
 from types import NoneType
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from railctl.common.records.course import Course, check_range
 
 PLAIN = {bool, int, float, str, NoneType}  # what is surely no record: to ask pydantic takes longer
 Seconds = Annotated[float, Field(ge=0, le=1e9)]  # thirty years: whatever sleeps meanwhile, and sums stay finite
+MOST_KEPT = 10_000  # fragments that a question names: from one snapshot to the next there are far fewer
 UNSAID_IF_EMPTY = "following"  # came last, and most runs do without: their digests are as they were before
 
 
@@ -127,6 +129,17 @@ class LeaseRequest(Record):
     incarnation: Name
     serves: LevelName  # or any
     kept: Annotated[NDArray[np.int64], Array("int64", ("K", 2))]
+
+    @classmethod
+    def naming(cls, actor: str, incarnation: str, serves: str, kept: Iterable[tuple[int, int]]) -> Self:
+        """The question of who keeps these; if they are too many it names the first, which are wanted first."""
+        named = np.array(sorted(kept)[:MOST_KEPT], np.int64).reshape(-1, 2)
+        return cls(actor=actor, incarnation=incarnation, serves=serves, kept=named)
+
+    def check(self) -> None:
+        """Raises ValueError for more than an actor names."""
+        if len(self.kept) > MOST_KEPT:
+            raise ValueError(f"kept: names {len(self.kept)} fragments, {MOST_KEPT} are the most")
 
 
 class LeaseAnswer(Record):

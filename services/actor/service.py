@@ -7,8 +7,6 @@ ended, or nothing comes, the actor asks anew and says what it keeps.
 import logging
 import time
 
-import numpy as np
-
 from railctl.common.board import BoardReader
 from railctl.common.bus import Answers, NoAnswer
 from railctl.common.levels.supply import supply_of
@@ -77,12 +75,7 @@ class Actor:
 
     def _ask(self) -> LeaseAnswer | None:
         """The first answer to a new question, in place of the open one."""
-        request = LeaseRequest(
-            actor=self._context.name,
-            incarnation=self._context.incarnation,
-            serves=self._serves,
-            kept=np.array(sorted(self._kept), np.int64).reshape(-1, 2),
-        )
+        request = LeaseRequest.naming(self._context.name, self._context.incarnation, self._serves, self._kept)
         self._loaded = None  # a learner that goes on from a snapshot may have come to other weights of the same number
         try:
             self._answers = self._context.bus.ask_for_answers(keys.LEASE, request, OPEN_S)

@@ -2,7 +2,8 @@
 
 Pure: events and times come in, answers go out; no clock, no bus, no disk. The desk believes only what it leased, and
 only from whom it leased it. Living actors may keep fragments that an earlier learner process leased, of which the desk
-remembers nothing: it takes these, and compares their leases with its own once all that comes before is trained.
+remembers nothing: it takes these, as far as a learner can have come without a snapshot, and compares their leases with
+its own once all that comes before is trained.
 
 In a free run it takes an episode with any weights that are not too old, whatever version it leased last: what an
 earlier lease of the same episode has brought is as good, for it says how probable its actions were.
@@ -18,7 +19,7 @@ import numpy as np
 from railctl.common.levels.distributions import ANY
 from railctl.common.records.acting import Fragment, Lease, LeaseAnswer, LeaseRequest, Progressed
 from railctl.services.learner.free_ledger import FreeLedger
-from railctl.services.learner.ledger import Ledger, Unit
+from railctl.services.learner.ledger import Ledger, Unit, drop_before
 from railctl.services.learner.opened import OpenEpisode
 from railctl.services.learner.replay.transitions import check_order
 from railctl.services.learner.schedule import Schedule
@@ -105,7 +106,8 @@ class Desk(Generic[Q]):
         self._given: dict[Unit, Lease] = {}
         self._since: dict[Unit, float] = {}  # when somebody who has nothing to do was first seen to wait for it
         self._late: dict[Unit, int] = {}  # how often its lease was taken back
-        self._spoiled: set[tuple[str, Unit]] = set()  # who keeps what was refused
+        self._spoiled: set[tuple[str, Unit]] = set()  # who keeps what was refused, or comes too late
+        self._reach = start.trained + schedule.unsaved + schedule.lag  # of leases of an earlier learner, in episodes
         self._open: dict[str, _Open[Q]] = {}  # by incarnation
 
     def actor_came(self, name: str, incarnation: str) -> None:
@@ -126,9 +128,9 @@ class Desk(Generic[Q]):
         who = request.incarnation
         replies = self._end(who)
         kept = [(episode, fragment) for episode, fragment in request.kept.tolist()]
-        missing = self.ledger.missing(who, [unit for unit in kept if (who, unit) not in self._spoiled])
+        missing = self.ledger.missing(who, [unit for unit in kept if self._may_keep(who, unit)])
         if missing:
-            self._note(f"{request.actor} must publish again: {missing}")
+            self._note(f"{request.actor} must publish {len(missing)} again, the first is {missing[0]}")
             return [*replies, Reply(question, self._answer(None, missing))]
         self._open[who] = _Open(question, request.serves, now + OPEN_S)
         return replies
@@ -198,15 +200,23 @@ class Desk(Generic[Q]):
         fragment = self.ledger.next_ready()
         if fragment is None:
             raise ValueError("nothing was ready to be trained")
-        for of_units in (self._given, self._since, self._late):
-            of_units.pop(fragment.lease.unit, None)
         self.ledger.mark_trained()
+        to_come = (self.ledger.trained, self.ledger.fragment)
+        for of_units in (self._given, self._since, self._late):
+            drop_before(to_come, of_units)
+        self._spoiled = {(who, unit) for who, unit in self._spoiled if unit >= to_come}
         self.opened.fragments.append(fragment)
         if not fragment.course.over:
             return None
         episode, self.opened = self.opened, OpenEpisode()
         self._steps += episode.steps
         return episode
+
+    def _may_keep(self, who: str, unit: Unit) -> bool:
+        """Whether this learner or an earlier one can have leased it, and it is not as good as lost."""
+        (episode, fragment), reach = unit, max(self._reach, self.ledger.trained + self._schedule.lag)
+        is_leased = episode <= reach and (fragment == 0 or self._schedule.fragment_steps is not None)
+        return is_leased and (who, unit) not in self._spoiled
 
     def _take_back(self, now: float) -> None:
         """Let who has nothing to do act what its actor does not bring, each time after twice as long."""
@@ -220,6 +230,7 @@ class Desk(Generic[Q]):
                 self._late[unit] = late + 1
                 del self._since[unit]
                 self.ledger.take_back(unit)
+                self._spoil(who, unit)  # or it would come to hold it again by saying that it keeps it
 
     def _wrong(self, fragment: Fragment) -> str | None:
         lease, decisions = fragment.lease, fragment.course.decisions
@@ -250,7 +261,7 @@ class Desk(Generic[Q]):
         return text
 
     def _spoil(self, who: str, unit: Unit) -> None:
-        """Nobody asks for this one again; it is acted anew."""
+        """Who brought this, or did not, is not asked for it again; it is acted anew."""
         self._given.pop(unit, None)
         self._spoiled.add((who, unit))
 

@@ -6,8 +6,6 @@ A run that has no actors is acted here. This one asks the desk as any actor does
 import time
 from collections.abc import Callable, Mapping
 
-import numpy as np
-
 from railctl.common.config import RunConfig
 from railctl.common.levels.distributions import ANY
 from railctl.common.levels.supply import LevelSupply
@@ -17,7 +15,7 @@ from railctl.common.policy.player import chooser_of
 from railctl.common.records.acting import Circumstances, Fragment, Lease, LeaseAnswer, LeaseRequest
 
 NAME = "learner"
-REQUEST = LeaseRequest(actor=NAME, incarnation=NAME, serves=ANY, kept=np.zeros((0, 2), np.int64))
+REQUEST = LeaseRequest.naming(NAME, NAME, ANY, ())
 
 
 class InlineActor:

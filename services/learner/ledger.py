@@ -7,9 +7,10 @@ dead actor had leased waits again.
 """
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from railctl.common.levels.distributions import ANY
-from railctl.common.records.acting import Fragment
+from railctl.common.records.acting import MOST_KEPT, Fragment
 
 Unit = tuple[int, int]  # episode, fragment
 
@@ -76,11 +77,14 @@ class Ledger:
         """Of what a living actor keeps, that which the learner lacks and nobody else acts; it counts as leased to it.
 
         An actor asks only when it acts nothing, so leases of its that it does not keep never reached it, and end.
+        Where much waits for its turn already, no more is taken than there is room for, and the rest is acted anew.
         """
         lacking = [
-            unit for unit in kept if self.is_to_come(unit) and self._leases.get(unit, incarnation) == incarnation
+            unit
+            for unit in sorted(set(kept))
+            if self.is_to_come(unit) and self._leases.get(unit, incarnation) == incarnation
         ]
-        lacking = lacking if incarnation in self._alive else []
+        lacking = lacking[: max(0, MOST_KEPT - len(self._received))] if incarnation in self._alive else []
         self._release(incarnation, keep=set(lacking))
         self._leases.update(dict.fromkeys(lacking, incarnation))
         return lacking
@@ -152,6 +156,8 @@ class Ledger:
             self.fragment = 0
         else:
             self.fragment += 1
+        for of_units in (self._leases, self._received, self._brought_by):
+            drop_before((self.trained, self.fragment), of_units)
 
     def _version_after(self, episodes: int) -> int:
         """The version of the weights after so many episodes, as long as these have no fragments."""
@@ -166,3 +172,9 @@ class Ledger:
     def _release(self, incarnation: str, keep: set[Unit]) -> None:
         for unit in [unit for unit, who in self._leases.items() if who == incarnation and unit not in keep]:
             self.end_lease(unit)
+
+
+def drop_before(unit: Unit, of_units: dict[Unit, Any]) -> None:
+    """Forget what comes before a unit: also fragments which their episode, as it turned out, did not have."""
+    for past in [past for past in of_units if past < unit]:
+        del of_units[past]

@@ -20,6 +20,7 @@ class Schedule:
         free: they act with the newest weights, and not with those that the lag names.
         fragment_steps: leases end where the steps of the run are multiples of it; None: they cover whole episodes.
         following: decisions are noted with what their trains see one step later.
+        unsaved: how many episodes may be trained and in no snapshot: a learner that goes on knows nothing of them.
     """
 
     levels: Sequence[str]
@@ -29,6 +30,7 @@ class Schedule:
     free: bool = False
     fragment_steps: int | None = None
     following: bool = False
+    unsaved: int = 0
 
     @classmethod
     def of(cls, config: RunConfig) -> "Schedule":
@@ -41,6 +43,7 @@ class Schedule:
             free=config.is_free,
             fragment_steps=config.learning.steps_a_fragment,
             following=config.learning.learns_from_following,
+            unsaved=config.cluster.snapshot_every_episodes,
         )
 
 

@@ -7,7 +7,15 @@ import pytest
 from made_episodes import course_of, decisions_of, edited, fragment_of, lease_of
 from pydantic import ValidationError
 
-from railctl.common.records.acting import Fragment, Lease, Progressed, Weights, digest_of
+from railctl.common.records.acting import (
+    MOST_KEPT,
+    Fragment,
+    Lease,
+    LeaseRequest,
+    Progressed,
+    Weights,
+    digest_of,
+)
 from railctl.common.records.base import Record
 from railctl.common.records.checkpoints import CheckpointFile, CheckpointNotice
 from railctl.common.records.control import ScaleRequest
@@ -374,6 +382,16 @@ def test_lists_and_bytes_are_bounded():
     assert complaint(lambda: CheckpointFile(episode=1, content="text"))[0] == "content"
     assert complaint(lambda: ScaleRequest(actors={"easy": 257}))[0] == "actors.easy"
     assert complaint(lambda: ScaleRequest(actors={"e y": 1}))[0].startswith("actors.e y")
+
+
+def test_a_question_for_work_names_so_many_fragments_and_the_first_ones():
+    kept = {(episode, 0) for episode in range(MOST_KEPT + 1)}
+    named = LeaseRequest.naming("a", "a-1", "any", kept).kept
+    assert (named.shape, named[0].tolist(), named[-1].tolist()) == ((MOST_KEPT, 2), [0, 0], [MOST_KEPT - 1, 0])
+    assert LeaseRequest.naming("a", "a-1", "any", ()).kept.shape == (0, 2)
+    more = np.array(sorted(kept))
+    _, message = complaint(lambda: LeaseRequest(actor="a", incarnation="a-1", serves="any", kept=more))
+    assert message == "Value error, kept: names 10001 fragments, 10000 are the most"
 
 
 def test_an_action_that_was_not_allowed_is_refused():

@@ -265,6 +265,52 @@ def test_a_kept_fragment_that_got_lost_is_asked_for():
     train(made)
 
 
+def missing(made, actor, kept):
+    """What an actor must publish again of what it says it keeps."""
+    replies = made.ask(f"{actor} asks", request(actor, kept), NOW)
+    return [tuple(unit) for _, answer, _ in replies if answer is not None for unit in answer.missing.tolist()]
+
+
+def test_no_more_of_what_is_kept_is_believed_than_an_earlier_learner_can_have_leased():
+    levels = ("easy",) * 99
+    all_of_it = [(episode, fragment) for episode in range(99) for fragment in (0, 1)]
+    made = desk("a", "b", levels=levels, lag=3, unsaved=5, start=Start(trained=10, version=10))
+    assert missing(made, "a", all_of_it) == [(episode, 0) for episode in range(10, 19)]  # 14 may have been trained
+    assert made.ledger.leased == 9
+    made.actor_gone("a-1")
+    for _ in range(9):
+        made.arrive(answer_to(lease(made, "b"), actor="b"))
+        train(made)
+    made.actor_came("a", "a-1")
+    assert missing(made, "a", all_of_it) == [(episode, 0) for episode in range(19, 23)]  # of this learner
+
+
+def test_where_episodes_come_in_fragments_any_of_those_may_be_kept():
+    made = desk("a", fragment_steps=4, unsaved=1)
+    assert missing(made, "a", [(0, 0), (0, 7), (1, 2), (2, 0)]) == [(0, 0), (0, 7), (1, 2)]
+
+
+def test_what_was_taken_back_cannot_be_held_again_by_who_says_that_it_keeps_it():
+    made = desk("a", "b", lag=1)
+    assert missing(made, "a", [(0, 0), (1, 0)]) == [(0, 0), (1, 0)]
+    assert idle(made, "b", NOW) is None
+    first = idle(made, "b", NOW + LEASE_S + 1)
+    assert first.unit == (0, 0)
+    assert missing(made, "a", [(0, 0), (1, 0)]) == []
+    assert made.ledger.lessee((1, 0)) is None
+
+
+def test_what_is_trained_is_forgotten():
+    made = desk("a", "b", fragment_steps=4)
+    assert missing(made, "a", [(0, 0), (0, 9)]) == [(0, 0), (0, 9)]
+    idle(made, "b", NOW)
+    first = idle(made, "b", NOW + LEASE_S + 1)
+    assert len(made._late) == len(made._spoiled) == 2
+    assert made.arrive(answer_to(first, actor="b", over=True)) is None
+    train(made)
+    assert (made._given, made._since, made._late, made._spoiled) == ({}, {}, {}, set())
+
+
 def test_leases_of_an_earlier_learner_are_taken_on_trust_until_their_turn():
     before = desk("a", "b", lag=1)
     zero, one = answer_to(lease(before, "a"), actor="a"), answer_to(lease(before, "b"), actor="b")

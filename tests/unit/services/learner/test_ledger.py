@@ -10,6 +10,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from made_episodes import answer_to, lease_of
 
 from railctl.common.records.acting import Progressed
+from railctl.services.learner import ledger as ledger_module
 from railctl.services.learner.ledger import Ledger
 
 LEVELS = ("easy", "medium", "hard", "rush")
@@ -138,6 +139,32 @@ def test_only_untrained_episodes_of_this_run_that_are_not_here_are_missing():
     made = ledger("eeee", lag=3, trained=1)
     assert made.receive(acted(2))
     assert made.missing("a", [(e, 0) for e in (0, 1, 2, 3, 4, 99)]) == [(1, 0), (3, 0)]
+
+
+def test_what_is_kept_counts_once_and_no_further_than_there_is_room_for_it_to_wait(monkeypatch):
+    monkeypatch.setattr(ledger_module, "MOST_KEPT", 3)
+    made = ledger("ee")
+    kept = [(0, 2), (0, 0), (0, 0), (0, 3), (0, 1)]
+    assert made.missing("a", kept) == [(0, 0), (0, 1), (0, 2)]
+    for fragment in (1, 2):
+        assert made.receive(acted(0, fragment=fragment, over=False))
+    assert made.missing("a", kept) == [(0, 0)]
+    assert made.receive(acted(0, over=False))
+    assert made.missing("a", kept) == []
+    train_one(made)
+    assert made.missing("a", kept) == [(0, 3)]
+
+
+def test_fragments_that_their_episode_does_not_have_are_forgotten_with_it():
+    made = ledger("ee")
+    assert made.missing("a", [(0, 0), (0, 1), (0, 2), (0, 3), (1, 2)]) == [(0, 0), (0, 1), (0, 2), (0, 3), (1, 2)]
+    for fragment in (0, 1, 2):
+        assert made.receive(acted(0, fragment=fragment, over=fragment == 1))
+    train_one(made)
+    assert (made.leased, len(made._received)) == (2, 2)
+    train_one(made)
+    assert (made.lessee((0, 3)), made.lessee((1, 2))) == (None, "a")
+    assert (made._received, made._brought_by) == ({}, {})
 
 
 def test_duplicates_are_dropped_and_counted():

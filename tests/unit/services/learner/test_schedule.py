@@ -29,7 +29,7 @@ def levels_of(config):
 
 def test_what_leases_say_follows_from_the_configuration():
     exploring = Schedule.of(config({"easy": 1}, seed=3))
-    assert (exploring.lag, exploring.fragment_steps) == (0, None)
+    assert (exploring.lag, exploring.fragment_steps, exploring.unsaved) == (0, None, 50)
     assert [exploring.epsilon(episode) for episode in (0, 11)] == [0.9, pytest.approx(0.01, abs=0.1)]
     assert exploring.level_seed(5) == training_level_seed(3, 5)
 
