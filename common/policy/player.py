@@ -119,6 +119,12 @@ def chooser_of(config: RunConfig) -> Chooser:
     return ModuleChooser(module, n_features, N_ACTIONS, is_policy=config.learning.has_probabilities)
 
 
+def n_state_of(config: RunConfig) -> int:
+    """S, the numbers that a train of a run carries from one decision to the next; a rule's own module keeps none."""
+    learning = config.learning
+    return 0 if learning.brings_module else network_layout(learning.network, config.world.n_features).n_state
+
+
 class Players:
     """A player for each of a run's level distributions, made when it is first asked for."""
 

@@ -243,6 +243,8 @@ class Rollouts:
         """See `common.policy.player.Player`."""
         if self._level is None:
             raise ValueError("nothing to advance: begin an episode first")
+        if states.shape != (wanted := (self._level.n_trains, acting.twin.n_state)):  # compiled code would not look
+            raise ValueError(f"states have shape {states.shape}, trains and network want {wanted}")
         first_step, parts = self._step, self._world.parts()
         last_step = self._level.max_steps if steps is None else first_step + steps
         if acting.following != bool(self._notes.following.shape[1]):

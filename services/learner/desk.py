@@ -233,19 +233,30 @@ class Desk(Generic[Q]):
                 self._spoil(who, unit)  # or it would come to hold it again by saying that it keeps it
 
     def _wrong(self, fragment: Fragment) -> str | None:
-        lease, decisions = fragment.lease, fragment.course.decisions
-        features, following = decisions.observations.shape[1], decisions.following.shape[1]
+        lease = fragment.lease
         given = self._given.get(lease.unit)
-        if given is not None and (reason := self._difference(lease, given)) is not None:
+        reason = None if given is None else self._difference(lease, given)
+        if (reason := reason or self._misshapen(fragment)) is not None:
             return reason
-        if features != self._n_features:
-            return f"observations have {features} features, the network takes {self._n_features}"
-        if following != (wanted := self._n_features if self._schedule.following else 0):
-            return f"observations a step later have {following} features, this run notes {wanted}"
         try:
             check_order(fragment)
-        except ValueError as reason:
-            return str(reason)
+        except ValueError as error:
+            return str(error)
+        return None
+
+    def _misshapen(self, fragment: Fragment) -> str | None:
+        """Nobody could learn from it, or act what follows."""
+        course, schedule = fragment.course, self._schedule
+        features, following = course.decisions.observations.shape[1], course.decisions.following.shape[1]
+        if features != self._n_features:
+            return f"observations have {features} features, the network takes {self._n_features}"
+        if following != (wanted := self._n_features if schedule.following else 0):
+            return f"observations a step later have {following} features, this run notes {wanted}"
+        trains, carried = course.states.shape
+        if trains not in (there := schedule.trains[schedule.levels[fragment.lease.episode]]):
+            return f"there are {trains} trains, its level has {there[0]}..{there[-1]}"
+        if carried != schedule.n_state:
+            return f"trains carry {carried} numbers along, in this run {schedule.n_state}"
         return None
 
     def _difference(self, got: Lease, leased: Lease) -> str | None:

@@ -207,3 +207,14 @@ def test_actions_that_do_not_fit_are_refused(engine, change):
     count = int((first.decisions.times < 20).sum()) + change
     with pytest.raises(ValueError, match=f"{count} actions do not fit the first 20 steps"):
         study_player(engine).begin(level, 0, first.decisions.actions[:count], 20)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("shape", [(1, 256), (3, 4), (3, 512), (3, 0)])
+def test_states_that_do_not_fit_are_refused(engine, shape):
+    made = study_player(engine)
+    made.begin(LevelSupply().training("easy", 3))
+    acting = Acting(twin_of("recurrent", seed=1))
+    assert acting.twin.zero_state(3).shape == (3, 256)
+    with pytest.raises(ValueError, match=r"states? ha(s|ve) shape"):
+        made.advance(acting, np.zeros(shape, np.float32))

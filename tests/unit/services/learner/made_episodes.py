@@ -160,8 +160,8 @@ def cut(episode, places):
     return fragments
 
 
-def answer_to(lease, *, actor="a", steps=None, over=None, n_features=1, seen=None, max_steps=100):
-    """What an actor makes of a lease: one train, which decides on every step and arrives on the last if all is over."""
+def answer_to(lease, *, actor="a", steps=None, over=None, n_features=1, n_trains=1, seen=None, max_steps=100):
+    """What an actor makes of a lease: its first train decides on every step and arrives on the last if all is over."""
     steps = (2 if lease.steps is None else lease.steps) if steps is None else steps
     over = lease.steps is None if over is None else over
     first = lease.first_step
@@ -169,8 +169,8 @@ def answer_to(lease, *, actor="a", steps=None, over=None, n_features=1, seen=Non
     vector = np.full(n_features, seen, np.float32)
     decisions = decisions_of([(first + step, 0, lease.fragment % 5, vector) for step in range(steps)], n_features)
     course = course_of(
-        np.full((steps, 1), -1),
-        [first + steps - 1 if over else -1],
+        np.full((steps, n_trains), -1),
+        [first + steps - 1 if over else -1, *[-1] * (n_trains - 1)],
         decisions,
         first_step=first,
         over=over,

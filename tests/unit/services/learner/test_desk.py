@@ -13,7 +13,7 @@ NOW = 100.0
 
 def schedule(levels=("easy",) * 4, **changes):
     fields = {"level_seed": lambda episode: 1000 + episode, "epsilon": lambda episode: 1 / (1 + episode)}
-    return Schedule(**{"levels": levels} | fields | changes)
+    return Schedule(**{"levels": levels, "trains": dict.fromkeys(levels, range(1, 2))} | fields | changes)
 
 
 def desk(*actors, start=None, **changes):
@@ -195,6 +195,8 @@ def test_actors_get_only_what_they_serve():
         ({"epsilon": 0.5}, "epsilon is 0.5, its lease says 1.0"),
         ({"observations": np.zeros((2, 3), np.float32)}, "observations have 3 features, the network takes 1"),
         ({"following": np.zeros((2, 1), np.float32)}, "observations a step later have 1 features, this run notes 0"),
+        ({"states": np.zeros((2, 0), np.float32)}, "there are 2 trains, its level has 1..1"),
+        ({"states": np.zeros((1, 6), np.float32)}, "trains carry 6 numbers along, in this run 0"),
         ({"times": np.zeros(2, np.int32)}, "episode 0: decisions are not in the order of (time, train)"),
         ({"arrived_at": np.zeros(1, np.int32)}, "episode 0: a train decides after its arrival"),
     ],
@@ -208,6 +210,14 @@ def test_what_is_not_as_leased_is_refused_and_leased_anew(change, reason):
     assert lease(made, "a", kept=[(0, 0)]).episode == 0  # it is not asked for, though the actor keeps it
     assert made.arrive(fragment) is None
     train(made)
+
+
+def test_what_trains_carry_along_is_refused_where_it_is_missing():
+    made = desk("a", n_state=4)
+    fragment = answer_to(lease(made, "a"), actor="a")
+    assert made.arrive(fragment).endswith("trains carry 0 numbers along, in this run 4")
+    lease(made, "a")
+    assert made.arrive(edited(fragment, states=np.zeros((1, 4), np.float32))) is None
 
 
 def test_what_followed_decisions_is_refused_where_it_is_missing():

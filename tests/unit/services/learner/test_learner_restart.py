@@ -126,7 +126,7 @@ class Cluster:
 def acted(lease, actor="one", number_of_them=3, steps=None):
     """What an actor makes of a lease; an episode that comes in fragments has so many."""
     over = lease.steps is None or lease.fragment == number_of_them - 1
-    return answer_to(lease, actor=actor, over=over, steps=steps, n_features=N_FEATURES)
+    return answer_to(lease, actor=actor, over=over, steps=steps, n_features=N_FEATURES, n_trains=3)
 
 
 def config(lag, **changes):
@@ -231,7 +231,7 @@ def test_an_exact_run_whose_curve_comes_out_different_says_so(tmp_path, caplog):
         cluster = Cluster(folder, config(0))
         cluster.come("one")
         lease = cluster.lease("one")
-        cluster.bring(answer_to(lease, actor="one", n_features=N_FEATURES, seen=seen))
+        cluster.bring(answer_to(lease, actor="one", n_features=N_FEATURES, n_trains=3, seen=seen))
         cluster.learner.close()
     assert "episode 0 is not what it was before the restart" in caplog.text
 

@@ -4,6 +4,7 @@ import pytest
 
 from railctl.common.config import parse_config
 from railctl.common.seeding import training_level_seed
+from railctl.deploy.resolve import resolve
 from railctl.services.learner.schedule import Schedule
 
 
@@ -32,6 +33,15 @@ def test_what_leases_say_follows_from_the_configuration():
     assert (exploring.lag, exploring.fragment_steps, exploring.unsaved) == (0, None, 50)
     assert [exploring.epsilon(episode) for episode in (0, 11)] == [0.9, pytest.approx(0.01, abs=0.1)]
     assert exploring.level_seed(5) == training_level_seed(3, 5)
+
+
+def test_a_run_knows_what_its_trains_are():
+    study = Schedule.of(resolve({"algorithm": "drqn", "level": "medium", "network": {"hidden": [16, 8]}}))
+    assert (study.trains["medium"], study.n_state) == (range(5, 6), 32)
+    found = {"digest": "0" * 16, "size": [30, 30], "trains": 4, "training": 9, "evaluation": 50}
+    own = {"mine": {"files": "mine/*.pkl", "found": found}}
+    files = Schedule.of(parse_config(config({"easy": 1}).plain() | {"levels": own, "mix": {"mine": 1}}))
+    assert (files.trains["mine"], files.n_state) == (range(1, 5), 0)
 
 
 def test_a_run_of_one_difficulty_has_only_that():
