@@ -83,7 +83,7 @@ class Study(Strict):
     def _span(cls, seeds: Any) -> Any:
         """`1..10` is short for all from 1 to 10."""
         if isinstance(seeds, str):
-            found = re.fullmatch(r"(\d{1,10})\.\.(\d{1,10})", seeds)
+            found = re.fullmatch(r"([0-9]{1,10})\.\.([0-9]{1,10})", seeds)
             if found is None or not int(found[1]) <= int(found[2]) < int(found[1]) + MOST_SEEDS:
                 raise ValueError(f"{seeds!r} is no span of at most {MOST_SEEDS}: write for example 1..10, or a list")
             return list(range(int(found[1]), int(found[2]) + 1))
@@ -102,6 +102,21 @@ class Study(Strict):
             if times > 1:
                 remedy = "give each a name of its own" if field == "contenders" else "leave the others out"
                 raise ValueError(f"{field}: {value} is there {times} times: {remedy}")
+        return self
+
+    @model_validator(mode="after")
+    def _nothing_shares_a_file(self) -> Self:
+        """Names may have the hyphens in them that join them in those of files: `x` on `a-b` and `x-a` on `b`."""
+        for field, firsts, remedy in (
+            ("contenders", [contender.name for contender in self.contenders], "give one another name"),
+            ("references", self.references, "give a level another name"),
+        ):
+            of_file: dict[str, str] = {}
+            for first in firsts:
+                for level in self.levels:
+                    told = f"{first} on {level}"
+                    if (other := of_file.setdefault(f"{first}-{level}", told)) != told:
+                        raise ValueError(f"{field}: {other} and {told} would both be {first}-{level}: {remedy}")
         return self
 
     @model_validator(mode="after")

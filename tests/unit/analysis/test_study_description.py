@@ -57,6 +57,10 @@ def test_where_things_lie():
         ({"seeds": [1, 2, 1]}, "seeds: 1 is there 2 times: leave the others out"),
         ({"seeds": "5..1"}, "seeds: '5..1' is no span of at most 1000: write for example 1..10, or a list"),
         ({"seeds": "1..5000"}, "seeds: '1..5000' is no span of at most 1000: write for example 1..10, or a list"),
+        (
+            {"seeds": "\u0661..\u0663"},
+            "seeds: '\u0661..\u0663' is no span of at most 1000: write for example 1..10, or a list",
+        ),
         ({"seeds": [-1]}, "seeds.0: input should be greater than or equal to 0, not -1"),
         (
             {"levels": ["easy", "e zy"]},
@@ -66,6 +70,17 @@ def test_where_things_lie():
         ({"levels": [5]}, "levels.0: input should be a valid string, not 5"),
         ({"levels": ["easy", "easy"]}, "levels: easy is there 2 times: leave the others out"),
         ({"references": ["random", "random"]}, "references: random is there 2 times: leave the others out"),
+        (
+            {"contenders": ["x", "x-a"], "levels": ["a-b", "b"]},
+            "contenders: x on a-b and x-a on b would both be x-a-b: give one another name",
+        ),
+        (
+            {"references": ["planner", "planner-replanned"], "levels": ["x", "replanned-x"]},
+            (
+                "references: planner on replanned-x and planner-replanned on x would both be planner-replanned-x: "
+                "give a level another name"
+            ),
+        ),
         ({"episodes": 35}, "episodes 35 is not a multiple of judgement.block 10: make one fit the other"),
         (
             {"episodes": 20},
