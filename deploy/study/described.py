@@ -18,7 +18,11 @@ from railctl.deploy.whole_paths import levels_with_whole_paths
 
 SHIPPED = Path(__file__).parents[1] / "studies"
 OF_THE_STUDY = ("algorithm", "rule", "level", "mix", "seed", "episodes")  # it gives them to its runs itself
-OF_THE_MACHINE = ("cores",)
+OF_THE_MACHINE = {  # keys of cluster, and why a study's runs have none of them
+    "cores": "runs are packed onto the cores together",
+    "listen": "runs go on beside each other, and would listen at one address",
+    "keys": "runs go on beside each other, and none of them listens for other machines",
+}
 OF_ALL = ("levels",)  # or contenders would not learn on the same ones
 
 
@@ -69,13 +73,15 @@ def find_folder(name: str) -> StudyFolder:
     Raises:
         ConfigError: there is none of this name.
     """
-    if Path(name).suffix in {".yaml", ".yml"}:
-        name = read_study(Path(name)).name
+    given = name
+    if is_file := Path(given).suffix in {".yaml", ".yml"}:
+        name = read_study(Path(given)).name
     folder = StudyFolder(runs_root() / name)
     if folder.study_file.exists():
         return folder
-    if name in shipped_studies():
-        raise ConfigError(f"study {name} has not been started in {runs_root()}: start it with railctl study run {name}")
+    if is_file or name in shipped_studies():
+        remedy = f"start it with railctl study run {given}"
+        raise ConfigError(f"study {name} has not been started in {runs_root()}: {remedy}")
     started = [path.parent.name for path in runs_root().glob("*/study.yaml")]
     hint = nearest(name, [*dict.fromkeys([*shipped_studies(), *started])])
     raise ConfigError(f"no study named {name!r}{hint}; or give a file that ends in .yaml")
@@ -146,9 +152,9 @@ def _check_settings(field: str, settings: Mapping[str, Any]) -> None:
         if isinstance(path, str) and not Path(path).is_absolute():
             raise ConfigError(f"{field}.{name} {path}: a study runs from anywhere, give the whole path")
     cluster = settings.get("cluster")
-    for key in OF_THE_MACHINE:
+    for key, why in OF_THE_MACHINE.items():
         if isinstance(cluster, dict) and key in cluster:
-            raise ConfigError(f"{field}.cluster.{key}: runs are packed onto the cores together, leave it out")
+            raise ConfigError(f"{field}.cluster.{key}: {why}, leave it out")
 
 
 def save_study(folder: StudyFolder, study: Study) -> None:

@@ -109,6 +109,14 @@ def test_a_study_may_be_of_runs_that_are_free():
             {"settings": {"cluster": {"cores": 1}}},
             "settings.cluster.cores: runs are packed onto the cores together, leave it out",
         ),
+        (
+            {"contenders": [{"name": "x", "algorithm": "ppo", "settings": {"cluster": {"listen": "tls/0.0.0.0:1"}}}]},
+            "contenders.x.settings.cluster.listen: runs go on beside each other, and would listen at one address",
+        ),
+        (
+            {"settings": {"cluster": {"keys": "x"}}},
+            "settings.cluster.keys: runs go on beside each other, and none of them listens for other machines, leave",
+        ),
     ],
 )
 def test_settings_that_make_no_run_are_refused(changes, text):
@@ -200,6 +208,9 @@ def test_a_file_is_found_by_what_it_says(tmp_path):
     path = tmp_path / "any.yaml"
     path.write_text(yaml.safe_dump(SMALL))
     assert find_study(str(path)) == study()
+    assert refused(find_folder, str(path)) == (
+        f"study small has not been started in {runs_root()}: start it with railctl study run {path}"
+    )
     save_study(StudyFolder(runs_root() / "small"), study())
     assert find_folder(str(path)).path == runs_root() / "small"
 
