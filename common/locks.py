@@ -77,7 +77,7 @@ def _content(folder: Folder, name: str) -> list[str]:
                 fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
             except BlockingIOError:
                 return file.read().split()
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         pass
     return []
 

@@ -17,10 +17,12 @@ from railctl.common.checkpoint import CheckpointError
 from railctl.common.config import RunConfig
 from railctl.common.folder import Cluster, RunFolder, write_atomically
 from railctl.common.interpreter import run_module
+from railctl.common.levels.distributions import ANY
 from railctl.common.levels.own import LEVELS, ReadLevels
 from railctl.common.locks import living
 from railctl.common.plain_yaml import dump_yaml
 from railctl.common.private import FOLDER_MODE, is_private, private_endpoint, private_files
+from railctl.common.records.joining import NAMESPACE_PATTERN
 from railctl.common.records.rows import EpisodeRow, EvaluationRow, EventRow, MetricRow
 from railctl.common.rows import DamagedRows, each_row
 from railctl.common.rules.settings import DEMONSTRATIONS_FILE, START_FILE
@@ -35,6 +37,7 @@ from railctl.deploy.runs import Failed, runs_root, supervised, without_configura
 from railctl.deploy.start import copy_start
 
 NAME_FORM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]{0,99}")
+NAMESPACE_FORM = re.compile(NAMESPACE_PATTERN)
 START_TIMEOUT_S = 60.0  # importing takes long on a machine that is busy
 _supervisors: list[subprocess.Popen[bytes]] = []  # of this process, which may end before them, or long after
 
@@ -130,13 +133,16 @@ def check_existing(folder: RunFolder, config: RunConfig) -> None:
     """See that a run can go on before anything is started or changed.
 
     Raises:
-        Failed: this machine cannot run it, its folder is read-only, a row is damaged, or no snapshot of it can be
-            read, or the newest is of another configuration or of rows that are not there.
+        Failed: this machine cannot run it, its folder is read-only or has other things in it than it should, a row is
+            damaged, or no snapshot of it can be read, or the newest is of another configuration or of rows that are
+            not there.
     """
     check_machine(config)
     check_door(folder, config)
     if not os.access(folder.path, os.W_OK):
         raise Failed(f"cannot write to {folder.path}: make it writable, or copy the run to another folder")
+    _check_places(folder)
+    _check_cluster(folder, config)
     try:
         for path, kind in (
             (folder.episodes_file, EpisodeRow),
@@ -149,6 +155,42 @@ def check_existing(folder: RunFolder, config: RunConfig) -> None:
             check_history(folder.episodes_file, each_row(folder.episodes_file, EpisodeRow), newest.metadata)
     except (CheckpointError, DamagedRows) as error:
         raise Failed(str(error)) from None
+
+
+def _check_places(folder: RunFolder) -> None:
+    """Raises Failed if something else lies where the run has a folder or a file."""
+    for path in (folder.checkpoints, folder.snapshots, folder.tensorboard, folder.processes, folder.logs):
+        if os.path.lexists(path) and not path.is_dir():
+            raise Failed(f"{path} is no folder: move it away")
+    for path in (
+        folder.episodes_file,
+        folder.evaluations_file,
+        folder.metrics_file,
+        folder.events_file,
+        folder.board_file,
+        folder.cluster_file,
+        folder.outcome_file,
+        folder.paused_file,
+        folder.curve_file,
+        *folder.logs.glob("*.log"),
+    ):
+        if os.path.lexists(path) and not path.is_file():
+            raise Failed(f"{path} is no regular file: move it away")
+
+
+def _check_cluster(folder: RunFolder, config: RunConfig) -> None:
+    """Raises Failed if `cluster.json` says of the run what no run has, or not this one."""
+    cluster = folder.cluster()
+    if cluster.namespace is not None and NAMESPACE_FORM.fullmatch(cluster.namespace) is None:
+        wrong = f"{folder.cluster_file}: namespace {shortened(cluster.namespace)}"
+        raise Failed(f"{wrong} is not railctl/ and hexadecimal digits: restore it, or delete the file")
+    for name in cluster.actors or {}:
+        if name != ANY and name not in config.mix:
+            known = ", ".join(config.mix)
+            raise Failed(
+                f"{folder.cluster_file}: actors for level {name}, which this run does not have: "
+                f"it has {known}, leave the others out"
+            )
 
 
 def check_machine(config: RunConfig) -> None:
@@ -207,13 +249,13 @@ def start_supervisor(
         KeyboardInterrupt: came meanwhile; the supervisor has ended, too.
     """
     folder.path.chmod(FOLDER_MODE)  # those of earlier versions were open to others
-    folder.outcome_file.unlink(missing_ok=True)
     with private_files():
         write_cluster_file(folder, config, actors)
         folder.logs.mkdir(exist_ok=True)
         log = folder.logs / "supervisor.log"
         log.touch()
     with log.open("ab") as output:
+        folder.outcome_file.unlink(missing_ok=True)  # once nothing but the start itself can fail
         child = subprocess.Popen(
             run_module("railctl.deploy.supervise", "--run", str(folder.path.resolve())),
             stdin=subprocess.DEVNULL,

@@ -8,7 +8,8 @@ from railctl.common.levels.distributions import LevelName
 from railctl.common.records.base import Record, Text
 
 MOST_LEVEL_BYTES = 200_000_000
-Namespace = Annotated[str, Field(pattern=r"^railctl/[0-9a-f]{1,32}$")]
+NAMESPACE_PATTERN = r"^railctl/[0-9a-f]{1,32}$"
+Namespace = Annotated[str, Field(pattern=NAMESPACE_PATTERN)]
 
 
 class RunIntroduction(Record):

@@ -29,7 +29,7 @@ from railctl.deploy.launch import (
     write_cluster_file,
 )
 from railctl.deploy.resolve import resolve
-from railctl.deploy.runs import Failed
+from railctl.deploy.runs import Failed, supervised
 
 HOLD = """
 import sys
@@ -209,6 +209,56 @@ def test_a_damaged_row_is_refused(run, name):
     assert failure(check_existing, run, config()).startswith(f"{path} line 1 is not a valid row: ")
 
 
+@pytest.mark.parametrize("name", ["checkpoints", "snapshots", "tensorboard", "processes", "logs"])
+@pytest.mark.parametrize("make", [Path.touch, lambda path: path.symlink_to("nowhere")], ids=["file", "nothing"])
+def test_what_is_no_folder_is_refused(run, name, make):
+    path = run.path / name
+    if path.exists():
+        path.rmdir()
+    make(path)
+    assert failure(check_existing, run, config()) == f"{path} is no folder: move it away"
+    assert not supervised(run)
+
+
+FILES = [
+    "episodes.jsonl",
+    "events.jsonl",
+    "weights.board",
+    "cluster.json",
+    "outcome.json",
+    "paused",
+    "logs/learner.log",
+]
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize(
+    "make", [Path.mkdir, os.mkfifo, lambda path: path.symlink_to("nowhere")], ids=["folder", "pipe", "nothing"]
+)
+def test_what_is_no_file_is_refused(run, name, make):
+    path = run.path / name
+    make(path)
+    assert failure(check_existing, run, config()) == f"{path} is no regular file: move it away"
+
+
+@pytest.mark.parametrize("namespace", ["a#b$", "**", "railctl/*", "railctl/", "railctl/12345/x"])
+def test_a_prefix_of_another_form_is_refused(run, namespace):
+    run.cluster_file.write_text(json.dumps({"namespace": namespace}))
+    assert failure(check_existing, run, config()) == (
+        f"{run.cluster_file}: namespace {shortened(namespace)} is not railctl/ and hexadecimal digits: "
+        "restore it, or delete the file"
+    )
+
+
+def test_actors_of_levels_that_the_run_does_not_have_are_refused(run):
+    run.cluster_file.write_text(json.dumps({"namespace": "railctl/1", "actors": {"easy": 1, "any": 1}}))
+    check_existing(run, config())
+    run.cluster_file.write_text(json.dumps({"namespace": "railctl/1", "actors": {"easy": 1, "hard": 3}}))
+    assert failure(check_existing, run, config()) == (
+        f"{run.cluster_file}: actors for level hard, which this run does not have: it has easy, leave the others out"
+    )
+
+
 def test_an_existing_run_needs_the_machine_too(run):
     assert "cluster.cores is 4096" in failure(check_existing, run, config(cores=4096))
 
@@ -303,6 +353,14 @@ def test_a_supervisor_that_ends_at_once_is_a_failure_with_its_last_words(run, su
 def test_a_supervisor_that_ends_without_a_word_is_a_failure_too(run, supervisor):
     supervisor("")
     assert failure(start_supervisor, run, config()) == "the supervisor did not start: it left no word"
+
+
+def test_a_start_that_the_system_refuses_leaves_the_word_of_the_last_end(run):
+    run.outcome_file.write_text('{"outcome": "stopped", "reason": ""}')
+    run.logs.rmdir()
+    run.logs.touch()
+    failure(start_supervisor, run, config(), error=FileExistsError)
+    assert run.outcome().outcome == "stopped"
 
 
 def test_ctrl_c_meanwhile_ends_the_supervisor_too(run, supervisor, monkeypatch):
