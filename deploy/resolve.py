@@ -120,6 +120,7 @@ def resolve_existing(saved: RunConfig, given: Plain, name: str, base: Path = Pat
     _check_kinds(saved, given, name)
     kept = saved.plain()
     if "levels" in given:
+        check_levels(given["levels"])
         own = {level: spec for level, spec in given["levels"].items() if level in saved.mix}
         given["levels"] = read_world({"levels": own}, base).model_dump(mode="json")["levels"] if own else {}
     merged = merge(kept, given | _beginnings(saved, given, base, name))

@@ -562,6 +562,9 @@ def test_a_run_of_levels_of_ones_own_goes_on_with_or_without_their_file():
     assert resolve_existing(saved, {}, "one") == saved
     assert resolve_existing(saved, given_, "one") == saved
     assert resolve_existing(saved, {"levels": {"other": RUSH}}, "one") == saved
+    assert complaint(resolve_existing, saved, {"levels": {"other": 3}}, "one") == complaint(
+        resolve, {"levels": {"rush": RUSH, "other": 3}, "level": "rush"}
+    )
 
 
 @pytest.mark.parametrize(
