@@ -71,7 +71,7 @@ def status_from_files(folder: RunFolder) -> Status:
             reissued=0,
         ),
         time_left_s=None,
-        problems=[reason] if reason else [],
+        problems=[reason[:4000]] if reason else [],
         processes=[_unsupervised(name, pid) for name, pid in alive.items() if name != "supervisor"],
     )
 

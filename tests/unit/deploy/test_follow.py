@@ -230,6 +230,13 @@ def test_the_status_of_a_run_that_is_not_running_comes_from_its_files(folder):
     assert progress.return_last_100 == pytest.approx(-0.025)
 
 
+def test_a_long_reason_is_cut_and_the_status_told(folder):
+    folder.outcome_file.write_text(json.dumps({"outcome": "failed", "reason": "no disk " * 1000}))
+    [problem] = status_from_files(folder).problems
+    assert len(problem) == 4000
+    assert problem.startswith("no disk no disk")
+
+
 def test_the_status_of_a_run_that_never_started(folder):
     status = status_from_files(folder)
     assert (status.state, status.progress.done, status.progress.return_last_100) == ("stopped", 0, None)
