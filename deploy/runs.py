@@ -91,6 +91,8 @@ def find_checkpoint(name: str) -> Path:
     _check_length(name)
     if Path(name).is_file():
         return Path(name)
+    if Path(name).exists() and not Path(name).is_dir():
+        raise ConfigError(f"{brief(name)} is no regular file: give the file of a checkpoint, or a run")
     if name.startswith(f"{PRETRAINED.name}/"):
         return _pretrained(name)
     if name.endswith(".safetensors"):
@@ -149,7 +151,14 @@ def reach(folder: RunFolder) -> Iterator[Bus]:
     """
     endpoint, namespace = folder.endpoint_and_namespace()
     if not living(folder):
-        stopped = f"run {folder.path.name} is not running: railctl up --name {folder.path.name} resumes it"
-        raise NoAnswer(runs_elsewhere(folder) or stopped)
+        raise NoAnswer(runs_elsewhere(folder) or _why_nothing_runs(folder))
     with open_bus(endpoint, namespace, CONNECT_TIMEOUT_S) as bus:
         yield bus
+
+
+def _why_nothing_runs(folder: RunFolder) -> str:
+    """What to say of a run that has no process."""
+    name, outcome = folder.path.name, folder.outcome()
+    if outcome is not None and outcome.outcome == "finished":
+        return f"run {name} is finished: start another one with railctl up"
+    return f"run {name} is not running: railctl up --name {name} resumes it"

@@ -93,6 +93,9 @@ def test_a_run_that_is_not_there_is_not_reached(root, monkeypatch):
     run.cluster_file.write_text('{"endpoint": "tcp/127.0.0.1:9", "namespace": "x"}')
     with pytest.raises(NoAnswer, match="run one is not running: railctl up --name one resumes it"), reach(run):
         pass
+    run.outcome_file.write_text('{"outcome": "finished", "reason": ""}')
+    with pytest.raises(NoAnswer, match="run one is finished: start another one with railctl up"), reach(run):
+        pass
     monkeypatch.setattr("railctl.deploy.runs.CONNECT_TIMEOUT_S", 0.1)
     with sole(run, "learner"), pytest.raises(NoAnswer, match=r"no router at tcp/127\.0\.0\.1:9"), reach(run):
         pass
