@@ -5,7 +5,7 @@ carried out; with `lag: free` it depends on who was how fast as well. Every part
 never the tree. In files all keys stand side by side: those of the run, of its `WorldSpec`, and of its rule's settings.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -227,10 +227,7 @@ def parse_config(data: Mapping[str, Any]) -> RunConfig:
         raise ConfigError(f"mix: input should be a valid dictionary, not {shortened(mix)}")
     if "levels" not in data:
         data["levels"] = chosen_levels(mix, {})
-    homes = {key: home_of(key, data["rule"]) for key in data}
-    for key, home in homes.items():
-        if home is None:
-            raise ConfigError(_unknown(key, data["rule"]))
+    homes = homes_of(data, data["rule"])
     settings = settings_of(data["rule"])
     parts = {
         home: {key: value for key, value in data.items() if homes[key] is home}
@@ -252,6 +249,20 @@ def config_of_science(science: str) -> RunConfig:
     if not isinstance(data, dict):
         raise ValueError("no object")  # noqa: TRY004  (of JSON)
     return parse_config(data | {"cluster": {"actors": {ANY: 1}}})
+
+
+def homes_of(keys: Iterable[str], rule: str) -> dict[str, type[BaseModel]]:
+    """The models that the keys of a run file belong to.
+
+    Raises:
+        ConfigError: nobody knows one of them, or there is no such rule.
+    """
+    homes = {}
+    for key in keys:
+        if (home := home_of(key, rule)) is None:
+            raise ConfigError(_unknown(key, rule))
+        homes[key] = home
+    return homes
 
 
 def home_of(key: str, rule: str) -> type[BaseModel] | None:

@@ -10,7 +10,7 @@ from railctl.common.levels.held_out import is_prepared
 from railctl.common.levels.own import ReadLevels, read_level_files
 from railctl.common.levels.requests import PrepareRequest, Request
 from railctl.common.world import read_world
-from railctl.deploy.resolve import read_file
+from railctl.deploy.resolve import read_file, understood
 from railctl.deploy.task import run_task
 
 TASKS = "railctl.tools.levels.tasks"  # the process that does what needs flatland
@@ -22,7 +22,8 @@ def levels_of_run_file(path: Path) -> dict[str, AnyLevels]:
     Raises:
         ConfigError: it cannot be read, or something in it is wrong.
     """
-    own = read_file(path).get("levels") or {}
+    _, _, given = understood(read_file(path))
+    own = given.get("levels")
     return dict(read_world({"levels": own}, path.parent).levels) if own else {}
 
 

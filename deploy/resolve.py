@@ -11,7 +11,17 @@ from typing import Any
 import yaml
 from pydantic import BaseModel
 
-from railctl.common.config import MAX_ACTORS, MAX_LAG, MAX_STALENESS, PATHS, RunConfig, home_of, parse_config, upgraded
+from railctl.common.config import (
+    MAX_ACTORS,
+    MAX_LAG,
+    MAX_STALENESS,
+    PATHS,
+    RunConfig,
+    home_of,
+    homes_of,
+    parse_config,
+    upgraded,
+)
 from railctl.common.levels.distributions import LEVEL_PATTERN, shipped
 from railctl.common.mapping_file import read_mapping
 from railctl.common.plain_yaml import DEEPEST, NotPlainYamlError, parse_yaml
@@ -62,13 +72,9 @@ def resolve(given: Plain, base: Path = Path()) -> RunConfig:
     Raises:
         ConfigError: one line that names field, value and remedy.
     """
-    given = upgraded(given)
-    algorithm = str(given.get("algorithm", "dddqn"))
+    algorithm, rule, given = understood(given)
     preset = preset_of(algorithm)
     by_level = preset.pop("by_level")
-    rule = str(given.get("rule", preset["rule"]))
-    given = spelled_out(given, rule)
-    check_sections(given, rule)
     given = _with_keys_found(given, base)
     own, mix = given.get("levels", {}), given.get("mix", {"easy": 1.0})
     chosen = chosen_levels(mix, own)
@@ -94,6 +100,21 @@ def resolve(given: Plain, base: Path = Path()) -> RunConfig:
     if "actors" in given.get("cluster", {}):  # named actors replace the default ones, they do not add to them
         merged["cluster"]["actors"] = given["cluster"]["actors"]
     return with_demonstrations_read(with_start_read(parse_config(merged), base), base)
+
+
+def understood(given: Plain) -> tuple[str, str, Plain]:
+    """The algorithm of a run file, its rule, and the file's keys as this version has them, short forms written out.
+
+    Raises:
+        ConfigError: there is no such algorithm or rule, or a key is none of them, or no section where it should be.
+    """
+    given = upgraded(given)
+    algorithm = str(given.get("algorithm", "dddqn"))
+    rule = str(given.get("rule", preset_of(algorithm)["rule"]))
+    given = spelled_out(given, rule)
+    check_sections(given, rule)
+    homes_of(given, rule)
+    return algorithm, rule, given
 
 
 def _most_alike(world: WorldSpec, names: Sequence[str]) -> str:

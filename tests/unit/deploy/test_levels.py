@@ -317,3 +317,18 @@ def test_wrong_levels_are_one_line(railctl, tmp_path: Path, levels: str, problem
     output = railctl("show", "--level", "own", "-f", path, code=2)
     assert output.startswith(f"railctl: {problem}")
     assert output.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("zzz: 1", "unknown key zzz: "),
+        ("level: {own: {rules: stock, size: [20, 20], trains: 1, cities: 2}}", "level: input should be the name of a "),
+        ("algorithm: nope", "unknown algorithm 'nope': "),
+        ("levels: 3", "levels: input should be a valid dictionary, not 3"),
+    ],
+)
+def test_a_file_that_is_no_run_file_is_refused_whatever_is_used_of_it(railctl, tmp_path: Path, text: str, problem: str):
+    path = tmp_path / "run.yaml"
+    path.write_text(text)
+    assert railctl("list", "-f", path, code=2).startswith(f"railctl: {problem}")
