@@ -1,8 +1,8 @@
 """YAML as plain data and nothing else; text that is mistaken, hostile or enormous is refused while it is read.
 
 Texts, numbers, booleans, null, lists and mappings. No tags, no dates (they are texts), no key that comes twice, no text
-that cannot be printed, no integer beyond 64 bits. Aliases count as often as what they stand for: a few lines of them
-can stand for more than any memory holds.
+that cannot be printed, no integer beyond 64 bits, no number in base 8 or 60 that looks like another. Aliases count as
+often as what they stand for: a few lines of them can stand for more than any memory holds.
 """
 
 import re
@@ -22,6 +22,7 @@ LONGEST_NUMBER = 64  # characters
 LONGEST_COMPLAINT = 300  # characters
 MERGE, TIMESTAMP = "tag:yaml.org,2002:merge", "tag:yaml.org,2002:timestamp"
 NUMBERS = {"tag:yaml.org,2002:int", "tag:yaml.org,2002:float"}
+SURPRISING = re.compile(r"[-+]?0[0-9_]+|.*:.*")  # 010 is 8 to YAML 1.1, and 1:30 is 90
 
 
 class NotPlainYamlError(ValueError):
@@ -138,6 +139,8 @@ def _check_scalar(node: ScalarNode) -> None:
         raise _refusal(f"{shortened(text, 40)} is too long", node)
     if not text.isprintable():
         raise _refusal(f"{shortened(text, 40)} has line ends or other characters that cannot be printed", node)
+    if node.tag in NUMBERS and SURPRISING.fullmatch(text):
+        raise _refusal(f"{shortened(text, 40)} is in base 8 or 60 to YAML: write it in base 10, or in quotes", node)
 
 
 def _refusal(problem: str, where: Any) -> ConstructorError:

@@ -28,6 +28,8 @@ CHAIN = "a0: &a0 [x]\n" + "".join(f"a{at}: &a{at} [*a{at - 1}]\n" for at in rang
         ("[&a {b: 1}, *a]", [{"b": 1}, {"b": 1}]),
         ("{<<: {a: 1, b: 1}, b: 2}", {"a": 1, "b": 2}),
         (str(2**63 - 1), 2**63 - 1),
+        ("[0, 0.5, 00.5, 0x1f, 1_000]", [0, 0.5, 0.5, 31, 1000]),
+        ("['010', \"1:30\", 089, a:1]", ["010", "1:30", "089", "a:1"]),
         ("{1: a, '1': b}", {1: "a", "1": "b"}),
     ],
 )
@@ -51,6 +53,10 @@ def test_what_is_plain_is_read(text, data):
         ("a: *b", "found undefined alias 'b' (line 1, column 4)"),
         ("a: !!int ''", "a tag (tag:yaml.org,2002:int): leave it out (line 1, column 4)"),
         ("!!set {a, b}", "a tag (tag:yaml.org,2002:set): leave it out (line 1, column 1)"),
+        ("a: 010", "'010' is in base 8 or 60 to YAML: write it in base 10, or in quotes (line 1, column 4)"),
+        ("[-0_7]", "'-0_7' is in base 8 or 60 to YAML: write it in base 10, or in quotes (line 1, column 2)"),
+        ("1:30", "'1:30' is in base 8 or 60 to YAML: write it in base 10, or in quotes (line 1, column 1)"),
+        ("{1:30.5: a}", "'1:30.5' is in base 8 or 60 to YAML: write it in base 10, or in quotes (line 1, column 2)"),
         (str(2**63), f"'{2**63}' is beyond 64 bits (line 1, column 1)"),
         ('"a\\0b"', "'a\\x00b' has line ends or other characters that cannot be printed (line 1, column 1)"),
         ('"\\ud800"', "'\\ud800' has line ends or other characters that cannot be printed (line 1, column 1)"),
@@ -112,6 +118,7 @@ def read(text):
 @cases(100)
 @given(PLAIN)
 @example(["0E0", "1e5", 1e5])
+@example(["010", "1:30", "-1:30.5", 8, 90])
 def test_what_is_written_is_read_again(data):
     text = dump_yaml(data)
     found = read(text)
