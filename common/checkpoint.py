@@ -69,7 +69,8 @@ def load(path: Path, kind: Kind) -> tuple[Tensors, Metadata]:
         The tensors, and the metadata that `save` was given, with `digest`, `kind` and `format`.
 
     Raises:
-        CheckpointError: the file is missing, unreadable, damaged, of another kind or of another format.
+        CheckpointError: the file is missing, unreadable, damaged, of another kind or of another format; or it is a
+            checkpoint with other numbers than finite ones of float32.
     """
     try:
         if path.exists() and not path.is_file():
@@ -111,12 +112,15 @@ def from_bytes(data: bytes, kind: Kind, source: str) -> tuple[Tensors, Metadata]
     if metadata["digest"] != _digest(tensors, metadata):
         raise CheckpointError(f"{source}: damaged, its digest does not match its content: use another one")
     if kind == "checkpoint":
-        _check_finite(tensors, source)
+        _check_weights(tensors, source)
     return tensors, metadata
 
 
-def _check_finite(tensors: Tensors, source: str) -> None:
+def _check_weights(tensors: Tensors, source: str) -> None:
+    """Networks take float32 alone: what is wider may be finite here, and not there."""
     for name, array in tensors.items():
+        if array.dtype != np.float32:
+            raise CheckpointError(f"{source}: tensor {name} has dtype {array.dtype}, not float32: use another one")
         if not np.isfinite(array).all():
             raise CheckpointError(f"{source}: tensor {name} has numbers that are not finite: use another checkpoint")
 

@@ -28,7 +28,7 @@ def load_policy(path: Path) -> SavedPolicy:
     """
     tensors, metadata = checkpoint.load(path, "checkpoint")
     try:
-        config, episode = config_of_science(metadata["science"]), int(metadata["episode"])
+        config, episode = config_of_science(metadata["science"]), _episode_of(metadata["episode"])
     except (KeyError, ValueError, ConfigError) as error:
         reason = f" ({error})" if isinstance(error, ConfigError) else ""
         remedy = "use a checkpoint that a run of this version wrote"
@@ -41,3 +41,10 @@ def load_policy(path: Path) -> SavedPolicy:
     except ValueError as error:
         raise CheckpointError(f"{path}: {error}: it is of another observation or version of railctl") from None
     return SavedPolicy(network, config, episode)
+
+
+def _episode_of(text: str) -> int:
+    episode = int(text)
+    if episode < 0:
+        raise ConfigError(f"episode {episode} is below 0")
+    return episode

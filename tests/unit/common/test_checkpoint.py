@@ -36,7 +36,7 @@ def assert_same(ours, theirs):
         np.testing.assert_array_equal(theirs[name], array)
 
 
-def refusal(path, kind="checkpoint"):
+def refusal(path, kind="snapshot"):
     with pytest.raises(CheckpointError) as caught:
         load(path, kind)
     text = str(caught.value)
@@ -47,10 +47,10 @@ def refusal(path, kind="checkpoint"):
 
 def test_a_file_comes_back_whole(tmp_path):
     path = tmp_path / "50.safetensors"
-    save(path, tensors(), METADATA, "checkpoint")
-    loaded, metadata = load(path, "checkpoint")
+    save(path, tensors(), METADATA, "snapshot")
+    loaded, metadata = load(path, "snapshot")
     assert_same(tensors(), loaded)
-    assert metadata == {**METADATA, "kind": "checkpoint", "format": "1", "digest": metadata["digest"]}
+    assert metadata == {**METADATA, "kind": "snapshot", "format": "1", "digest": metadata["digest"]}
     assert [entry.name for entry in tmp_path.iterdir()] == ["50.safetensors"]
 
 
@@ -79,40 +79,40 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypat
 def test_equal_content_has_equal_bytes():
     many = {f"key{i}": "x" for i in range(20)}
     backwards = dict(reversed(many.items()))
-    first = to_bytes(tensors(), many, "checkpoint")
-    assert first == to_bytes(dict(reversed(tensors().items())), backwards, "checkpoint")
+    first = to_bytes(tensors(), many, "snapshot")
+    assert first == to_bytes(dict(reversed(tensors().items())), backwards, "snapshot")
     assert_same(tensors(), safetensors.numpy.load(first))  # any reader of safetensors reads it
 
 
 def test_memory_layout_does_not_matter():
     dense = np.arange(6, dtype=np.float32).reshape(2, 3)
-    plain = to_bytes({"x": dense}, {}, "checkpoint")
+    plain = to_bytes({"x": dense}, {}, "snapshot")
     for layout in (np.asfortranarray(dense), dense.astype(">f4"), np.repeat(dense, 2, axis=1)[:, ::2]):
-        assert to_bytes({"x": layout}, {}, "checkpoint") == plain
+        assert to_bytes({"x": layout}, {}, "snapshot") == plain
 
 
 @pytest.mark.parametrize("dtype", ["U4", "object", "complex128", "longdouble", "datetime64[s]"])
 def test_what_safetensors_cannot_keep_is_refused(dtype):
     array = np.zeros(2, dtype)
     with pytest.raises(ValueError, match="tensor x has dtype"):
-        to_bytes({"x": array}, {}, "checkpoint")
+        to_bytes({"x": array}, {}, "snapshot")
 
 
 @pytest.mark.parametrize("dtype", ["?", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f2", "f4", "f8"])
 def test_every_other_dtype_comes_back(dtype):
     kept = {"x": np.array([[0, 1, 0]], dtype)}
-    assert_same(kept, from_bytes(to_bytes(kept, {}, "checkpoint"), "checkpoint", "memory")[0])
+    assert_same(kept, from_bytes(to_bytes(kept, {}, "snapshot"), "snapshot", "memory")[0])
 
 
 @pytest.mark.parametrize("name", ["kind", "format", "digest"])
 def test_our_metadata_names_are_reserved(name):
     with pytest.raises(ValueError, match=f"metadata {name} is set here"):
-        to_bytes({}, {name: "0"}, "checkpoint")
+        to_bytes({}, {name: "0"}, "snapshot")
 
 
 def test_the_tensor_name_of_safetensors_itself_is_refused():
     with pytest.raises(ValueError, match="__metadata__"):
-        to_bytes({"__metadata__": np.zeros(1)}, {}, "checkpoint")
+        to_bytes({"__metadata__": np.zeros(1)}, {}, "snapshot")
 
 
 def test_a_missing_file(tmp_path):
@@ -148,7 +148,7 @@ def test_a_file_of_a_dtype_that_numpy_lacks(tmp_path):
 def test_the_other_kind(tmp_path):
     path = tmp_path / "a.safetensors"
     save(path, tensors(), METADATA, "snapshot")
-    assert "is a 'snapshot', not a checkpoint" in refusal(path)
+    assert "is a 'snapshot', not a checkpoint" in refusal(path, "checkpoint")
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_the_other_kind(tmp_path):
 )
 def test_metadata_that_is_missing_or_changed(tmp_path, change, message):
     path = tmp_path / "a.safetensors"
-    _, metadata = from_bytes(to_bytes(tensors(), METADATA, "checkpoint"), "checkpoint", "memory")
+    _, metadata = from_bytes(to_bytes(tensors(), METADATA, "snapshot"), "snapshot", "memory")
     changed = {name: value for name, value in {**metadata, **change}.items() if value is not None}
     safetensors.numpy.save_file(tensors(), path, changed)
     assert message in refusal(path)
@@ -186,12 +186,12 @@ def test_no_metadata_at_all(tmp_path):
 )
 def test_a_changed_value_dtype_or_shape(tmp_path, change):
     path = tmp_path / "a.safetensors"
-    _, metadata = from_bytes(to_bytes(tensors(), METADATA, "checkpoint"), "checkpoint", "memory")
+    _, metadata = from_bytes(to_bytes(tensors(), METADATA, "snapshot"), "snapshot", "memory")
     safetensors.numpy.save_file(tensors() | change, path, metadata)
     assert "damaged" in refusal(path)
 
 
-DATA = to_bytes(tensors(), METADATA, "checkpoint")
+DATA = to_bytes(tensors(), METADATA, "snapshot")
 
 
 @fuzz
@@ -201,7 +201,7 @@ def test_a_flipped_byte_is_never_silently_wrong(position, flip):
     damaged = bytearray(DATA)
     damaged[position] ^= flip
     try:
-        loaded, metadata = from_bytes(bytes(damaged), "checkpoint", "memory")
+        loaded, metadata = from_bytes(bytes(damaged), "snapshot", "memory")
     except CheckpointError as error:
         assert "\n" not in str(error)  # noqa: PT017  (either way is right)
     else:  # blank space in the header
@@ -214,7 +214,7 @@ def test_a_flipped_byte_is_never_silently_wrong(position, flip):
 @given(st.integers(0, len(DATA) - 1))
 def test_a_truncated_file_is_refused(length):
     with pytest.raises(CheckpointError):
-        from_bytes(DATA[:length], "checkpoint", "memory")
+        from_bytes(DATA[:length], "snapshot", "memory")
 
 
 def test_needs_no_torch():
@@ -225,9 +225,21 @@ def test_needs_no_torch():
 @pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
 def test_weights_that_are_not_finite_are_no_checkpoint(tmp_path, number):
     path = tmp_path / "a.safetensors"
-    weights = {"q.weight": np.array([1, number], np.float32), "steps": np.array(7)}
+    weights = {"q.weight": np.array([1, number], np.float32)}
     save(path, weights, METADATA, "checkpoint")
-    assert refusal(path).endswith("tensor q.weight has numbers that are not finite: use another checkpoint")
+    said = refusal(path, "checkpoint")
+    assert said.endswith("tensor q.weight has numbers that are not finite: use another checkpoint")
+    save(path, weights, METADATA, "snapshot")
+    assert_same(weights, load(path, "snapshot")[0])
+
+
+@pytest.mark.parametrize("dtype", ["f8", "f2", "i1", "?"])
+def test_weights_of_another_dtype_are_no_checkpoint(tmp_path, dtype):
+    path = tmp_path / "a.safetensors"
+    weights = {"q.bias": np.zeros(1, np.float32), "q.weight": np.ones(2, dtype)}
+    save(path, weights, METADATA, "checkpoint")
+    said = refusal(path, "checkpoint")
+    assert said.endswith(f"tensor q.weight has dtype {weights['q.weight'].dtype}, not float32: use another one")
     save(path, weights, METADATA, "snapshot")
     assert_same(weights, load(path, "snapshot")[0])
 
@@ -243,4 +255,4 @@ def test_a_checkpoint_that_is_larger_than_any_is_not_read(tmp_path, monkeypatch)
     path = tmp_path / "a.safetensors"
     save(path, tensors(), METADATA, "checkpoint")
     monkeypatch.setitem(checkpoint.MOST_BYTES, "checkpoint", 100)
-    assert "cannot be read (larger than 0.0001 MB)" in refusal(path)
+    assert "cannot be read (larger than 0.0001 MB)" in refusal(path, "checkpoint")

@@ -177,6 +177,12 @@ def test_a_checkpoint_of_another_program_is_refused_in_a_line(write_checkpoint, 
         load_policy(path)
 
 
+def test_a_checkpoint_of_less_than_no_episodes_is_refused_in_a_line(write_checkpoint, tmp_path):
+    path = write_checkpoint(tmp_path / "weights.safetensors", episode="-1")
+    with pytest.raises(CheckpointError, match=rf"^{path}: .* of its run \(episode -1 is below 0\): use a checkpoint"):
+        load_policy(path)
+
+
 def test_what_is_wrong_with_files_ends_the_process_in_a_line(weights, tmp_path, caplog):
     content = bytearray(weights.read_bytes())
     content[-1] ^= 1
