@@ -174,8 +174,10 @@ class TrainsEnv(ParallelEnv[str, Observation, np.int64]):
 
         Raises:
             ResetNeeded: there was no episode yet, or it is over and there are actions.
-            ValueError: an action is none, or that of a train that decides is missing.
+            ValueError: this is no dictionary, an action is none, or that of a train that decides is missing.
         """
+        if not isinstance(actions, Mapping):
+            raise ConfigError(f"actions {shortened(actions)}: give a dictionary, an action by agent")
         played = self._played
         if played is None or (actions and not self.agents):
             raise ResetNeeded("there is no episode to step: call reset first")

@@ -81,7 +81,7 @@ def resolve(given: Plain, base: Path = Path()) -> RunConfig:
     check_levels(own)
     if own and "mix" not in given:
         name = min(own)
-        raise ConfigError(f"levels: nothing says that {name} is played: add mix: {{{name}: 1}}, or --level {name}")
+        raise ConfigError(f"levels: nothing says that {name} is played: add mix: {{{name}: 1}}, or choose level {name}")
     given["mix"] = mix
     world = read_world({"levels": chosen}, base)
     learning = merge(preset, by_level[_most_alike(world, list(by_level))])
@@ -257,7 +257,7 @@ def read_file(path: Path) -> Plain:
     Raises:
         ConfigError: it cannot be read, is not a mapping, or leaves a section empty, which options might complete.
     """
-    data = read_mapping(path, "give an existing YAML file with -f", "algorithm: dddqn")
+    data = read_mapping(path, "give an existing YAML file", "algorithm: dddqn")
     for name, value in upgraded(data).items():
         if value is None and _is_section(name):
             raise ConfigError(f"{path}: {name} is empty: give it keys, or leave it out")

@@ -84,7 +84,7 @@ def make_env(
 
     Args:
         where: levels that ship (`easy`, `medium`, `hard`), a run file, or a policy or run: the world that it knows.
-        level: of these levels only those of this name.
+        level: of a run file, policy or run only the levels of this name.
         render_mode: `rgb_array`: `env.render()` gives a picture [H, W, 3] of uint8; `human`: a window.
         settings: keys of a run file that say what the world is, on top of that: `observation`, `decisions`, `reward`,
             `interlocking`, `patience`.
@@ -147,7 +147,7 @@ def train(  # noqa: PLR0913
     from railctl.trained import start
 
     given = {"algorithm": algorithm, "level": level, "episodes": episodes, "seed": seed}
-    run = start(name, None if run_file is None else Path(run_file), given, settings)
+    run = start(name, run_file, given, settings)
     return run.wait(on_row) if wait else run
 
 

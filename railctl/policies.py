@@ -1,5 +1,6 @@
 """Trained policies that act in the caller's process, through the compiled twins of their networks."""
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -49,13 +50,17 @@ class Policy:
             state: [R, S], of a recurrent network, overwritten with what comes after; zeros if not given.
 
         Raises:
-            ValueError: a shape is another, or `state` is no float32 array that can be written.
+            ValueError: a shape is another, an observation is no number, or `state` is no float32 array that can be
+                written.
         """
         if state is not None and not (
             isinstance(state, np.ndarray) and state.dtype == np.float32 and state.flags.carray
         ):
             raise ValueError("state is overwritten: give a float32 array that can be written, in C order")
-        return self._network.outputs(np.ascontiguousarray(observations, np.float32), state)
+        outputs = self._network.outputs(np.ascontiguousarray(observations, np.float32), state)
+        if math.isnan(np.vdot(outputs, outputs)):  # the quickest way to ask it of all
+            raise ValueError("observations hold nan: give numbers, scaled as the world's observation is")
+        return outputs
 
     def act(self, observations: Any, allowed: Any = None, state: Floats | None = None) -> NDArray[np.int64]:
         """[R]: the best action for each of R observations [R, F].
@@ -64,10 +69,19 @@ class Policy:
             observations: as for `outputs`.
             allowed: [R, 5], true for what a train may do; everything if not given.
             state: as for `outputs`.
+
+        Raises:
+            ValueError: as `outputs`, or `allowed` has another shape or leaves a train nothing.
         """
         scores = self.outputs(observations, state)[:, :N_ACTIONS]
         if allowed is not None:
-            scores = np.where(np.asarray(allowed, np.bool_), scores, -np.inf)
+            mask = np.asarray(allowed, np.bool_)
+            if mask.shape != scores.shape:
+                raise ValueError(f"allowed has shape {mask.shape}, not {scores.shape}: give a row to each observation")
+            may_be_empty = np.count_nonzero(mask) <= mask.size - N_ACTIONS  # counted in no time, unlike rows
+            if may_be_empty and not mask.any(-1).all():
+                raise ValueError("allowed leaves a train nothing to do: allow an action in each row")
+            scores = np.where(mask, scores, -np.inf)
         actions: NDArray[np.int64] = scores.argmax(-1)
         return actions
 
@@ -80,8 +94,14 @@ class Policy:
             observations: by agent.
             infos: by agent; `deciding` and `action_mask` are looked at.
             memory: for recurrent networks, a dictionary of an episode's own, empty at first: what trains carry along.
+
+        Raises:
+            ValueError: one of both is no dictionary, or `infos` says nothing of an agent; or as `act`.
         """
-        agents = [agent for agent in observations if infos[agent]["deciding"]]
+        try:
+            agents = [agent for agent in observations if infos[agent]["deciding"]]
+        except (KeyError, TypeError):
+            raise ValueError("infos are not those of the observations: give both as reset or step gave them") from None
         if not agents:
             return {}
         memory = {} if memory is None else memory

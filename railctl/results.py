@@ -17,6 +17,7 @@ from railctl.deploy.commands.references import REFERENCE_SCORER, REFERENCES, che
 from railctl.deploy.levels import levels_of_run_file
 from railctl.deploy.runs import runs_root
 from railctl.deploy.task import run_task
+from railctl.given import path_of, text_of
 from railctl.policies import Policy
 from railctl.trained import Run
 
@@ -75,13 +76,14 @@ def scored(  # noqa: PLR0913
     name = policy.name if isinstance(policy, (Policy, Run)) else str(policy)
     is_reference = isinstance(policy, str) and policy in REFERENCES
     first = None if levels is not None else "easy" if is_reference else _first_level(policy)
-    wanted = level or first
+    wanted = first if level is None else text_of("level", level)
+    file = path_of("run_file", run_file)
     choice = _checked(
         LevelChoice,
         names=None if wanted is None else (wanted,),
-        own=levels_of_run_file(Path(run_file)) if run_file else {},
-        base=Path(run_file).parent.resolve() if run_file else Path(),
-        file=None if levels is None else Path(levels),
+        own={} if file is None else levels_of_run_file(file),
+        base=Path() if file is None else file.parent.resolve(),
+        file=path_of("levels", levels),
         episodes=episodes,
         seed=seed,
         bank=bank_root(runs_root()),

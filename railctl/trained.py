@@ -24,6 +24,7 @@ from railctl.deploy.growing import GrowingRows
 from railctl.deploy.launch import start_supervisor
 from railctl.deploy.resolve import merge, read_file
 from railctl.deploy.runs import Failed, find_checkpoint, is_gone, supervised
+from railctl.given import path_of, text_of
 from railctl.policies import Policy
 
 LOOK_S = 0.2
@@ -149,15 +150,14 @@ class Run:
         return f"Run({self.name!r}: {config.algorithm} on {', '.join(config.mix)}, {self.state})"
 
 
-def start(name: str | None, run_file: Path | None, given: dict[str, Any], settings: dict[str, Any]) -> Run:
+def start(name: str | None, run_file: Path | str | None, given: dict[str, Any], settings: dict[str, Any]) -> Run:
     """Start a run, or go on with the one of this name; see `railctl.train`."""
-    if not isinstance(name, str | None):
-        raise ConfigError(f"name={name!r}: give text")
-    told: dict[str, Any] = {} if run_file is None else read_file(run_file)
+    file = path_of("run_file", run_file)
+    told: dict[str, Any] = {} if file is None else read_file(file)
     if given["level"] is not None:
         told.pop("mix", None)
     told = merge(merge(told, without_none(given)), settings)
-    folder, config = prepare(name, told, base_of(run_file))
+    folder, config = prepare(text_of("name", name), told, base_of(file))
     run = Run(folder)
     if not supervised(folder) and run.state != "finished":
         start_supervisor(folder, config, told.get("cluster", {}).get("actors"))

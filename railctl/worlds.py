@@ -8,6 +8,7 @@ from railctl.common.levels.supply import LevelSupply
 from railctl.common.strict import ConfigError, nearest, shortened
 from railctl.common.world import WorldSpec, checked_world, chosen_levels, read_world
 from railctl.deploy.runs import Failed
+from railctl.given import text_of
 from railctl.policies import Policy
 from railctl.trained import Run
 
@@ -22,6 +23,7 @@ def environment(where: str | Path | Policy | Run, level: str | None, render_mode
     except ModuleNotFoundError as error:
         raise Failed(f"the package {error.name} is missing: pip install 'railctl[pettingzoo]'") from None
     chosen = {key: _spelled_out(key, value) for key, value in settings.items()}
+    level = text_of("level", level)
     if isinstance(where, (Policy, Run)):
         world, name = _known_world(where, level, chosen)
         return TrainsEnv(name, world=world, levels=_supply(where, world), render_mode=render_mode)
@@ -29,7 +31,9 @@ def environment(where: str | Path | Policy | Run, level: str | None, render_mode
         if not chosen:
             return TrainsEnv(level, run_file=where, render_mode=render_mode)
         raise ConfigError(f"{where} says what the world is: leave {', '.join(chosen)} out, or change the file")
-    name = level or str(where)
+    name = str(where)
+    if level is not None:
+        raise ConfigError(f"level={level!r}: levels are named by where={name!r} already: leave one out")
     world = read_world({"levels": chosen_levels({name: 1.0}, {})} | chosen, Path())
     return TrainsEnv(name, world=world, render_mode=render_mode)
 
@@ -37,7 +41,7 @@ def environment(where: str | Path | Policy | Run, level: str | None, render_mode
 def _known_world(where: Policy | Run, level: str | None, chosen: dict[str, Any]) -> tuple[WorldSpec, str]:
     """The world of a policy or run, changed, and which of its levels are played; others that ship may be."""
     config = where.config
-    name = level or next(iter(config.mix))
+    name = next(iter(config.mix)) if level is None else level
     levels = config.world.model_dump(mode="json")["levels"]
     if name not in levels:
         levels = chosen_levels({name: 1.0}, {})

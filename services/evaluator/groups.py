@@ -132,7 +132,7 @@ def levels_to_play(choice: LevelChoice, name: str, known: Mapping[str, AnyLevels
 def _check_name(choice: LevelChoice, name: str, known: Mapping[str, AnyLevels]) -> None:
     """Raise ConfigError if there is no such distribution, or no other sequence of its levels."""
     if name not in known:
-        raise ConfigError(f"--level {shortened(name)}{nearest(name, list(known))}")
+        raise ConfigError(f"unknown level {shortened(name)}{nearest(name, list(known))}")
     if isinstance(known[name], LevelFiles) and choice.seed:
         raise ConfigError(f"--seed {choice.seed}: {name} comes out of files, which have no other levels: leave it out")
 
@@ -150,7 +150,7 @@ def recorded(path: Path, names: Sequence[str] | None, rules: set[Rules]) -> Iter
             raise ConfigError(f"{path} has no group {shortened(name)}{nearest(name, list(groups))}")
         levels = groups[name]
         if not levels:
-            raise ConfigError(f"{path}: group {name!r} holds no levels: choose another with --level")
+            raise ConfigError(f"{path}: group {name!r} holds no levels: choose another one")
         is_stock = rules == {"stock"} or any(level.schedule is not None for level in levels)
         most_trains = max(level.n_trains for level in levels)
         yield Group(name, "stock" if is_stock else "legacy", levels, len(levels), most_trains)

@@ -272,6 +272,8 @@ def test_what_is_no_action_is_refused():
         env.step({})
     with pytest.raises(ValueError, match="train_1 has action 5: choose 0 to 4"):
         env.step({"train_0": 2, "train_1": 5, "train_2": 2})
+    with pytest.raises(ValueError, match="actions None: give a dictionary, an action by agent"):
+        env.step(None)
 
 
 def test_after_the_last_step_there_is_nothing_and_nobody():

@@ -269,7 +269,7 @@ def test_what_is_wrong_with_a_new_run_is_one_line_and_nothing_is_made(root, tmp_
         ("levels: {easy: {rules: stock}}", "levels.easy: these levels ship with the project, give yours another name"),
         (
             "levels: {rush: {rules: stock, size: [30, 30], trains: 3, cities: 2}}",
-            "levels: nothing says that rush is played: add mix: {rush: 1}, or --level rush",
+            "levels: nothing says that rush is played: add mix: {rush: 1}, or choose level rush",
         ),
         ("observation: gloval", "observation.kind: unknown 'gloval': known are "),
         ("reward: {kind: study, bonus: 1}", "unknown key reward.bonus: "),

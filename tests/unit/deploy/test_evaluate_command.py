@@ -85,7 +85,7 @@ def request(asked):
         (["two"], "no file two, and no run named 'two': known are one"),
         (["no.safetensors"], "no.safetensors: no such file: the checkpoints of a run lie in its folder checkpoints"),
         (["/dev/null"], "/dev/null is no regular file: give the file of a checkpoint, or a run"),
-        (["one", "--level", "esy"], "--level 'esy': did you mean easy? known are easy, hard, medium"),
+        (["one", "--level", "esy"], "unknown level 'esy': did you mean easy? known are easy, hard, medium"),
         (["one", "--episodes", "0"], "--episodes 0: use a number above 0"),
         (["one", "--seed", "-1"], "--seed -1: use 0 or a number above"),
         (["one", "--levels", "no.npz"], "--levels no.npz: no such file"),

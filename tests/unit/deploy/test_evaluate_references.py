@@ -71,7 +71,7 @@ def test_the_name_of_a_policy_wins_and_a_path_is_a_run(here, monkeypatch):
             "--levels and --seed: given levels are not drawn, leave --seed out (--draws is of sampling)",
         ),
         (["planner", "--seed", "-1"], "--seed -1: use 0 or a number above"),
-        (["planner", "--level", "esy"], "--level 'esy': did you mean easy? known are easy, hard, medium"),
+        (["planner", "--level", "esy"], "unknown level 'esy': did you mean easy? known are easy, hard, medium"),
         (
             ["randm"],
             "no file randm, and no run named 'randm': known are planner; did you mean the policy random?",

@@ -64,7 +64,7 @@ def test_a_level_of_a_file_is_played_and_the_film_gets_a_name(tmp_path):
         (["random", "--index", 3], "--index 3: it is said of a file: add --levels FILE, or use --level and --number"),
         (["random", "--levels", "no.npz"], "--levels no.npz: no such file"),
         (["random", "--levels", "no.npz", "--level", "easy"], "--level easy: the level comes out of no.npz: leave it "),
-        (["random", "--level", "eassy"], r"--level 'eassy': did you mean easy\?"),
+        (["random", "--level", "eassy"], r"unknown level 'eassy': did you mean easy\?"),
         (["random", "--number", 1000], "--number 1000: 1000 evaluation levels of hard are kept from training: use a "),
         (["shortest-path", "--sample"], "--sample: shortest-path is no network whose actions could be drawn, "),
         (["alone", "--against", "random", "--greedy"], "--greedy: alone is no network"),

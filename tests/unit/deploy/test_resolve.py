@@ -269,7 +269,7 @@ def test_short_forms_make_runs():
 @pytest.mark.parametrize(
     ("content", "text"),
     [
-        (None, "No such file or directory: give an existing YAML file with -f"),
+        (None, "No such file or directory: give an existing YAML file"),
         (b"", "holds no keys: write for example 'algorithm: dddqn'"),
         (b"- easy\n- hard", "holds no keys"),
         (b"easy", "holds no keys"),

@@ -64,6 +64,30 @@ def test_a_state_that_cannot_be_carried_on_is_refused(write_checkpoint, tmp_path
         policy.act(np.zeros((1, policy.n_features)), state=state)
 
 
+@pytest.mark.parametrize(
+    ("fill", "allowed", "text"),
+    [
+        (np.nan, None, "observations hold nan"),
+        (0, np.ones((1, 5)), r"allowed has shape \(1, 5\), not \(3, 5\)"),
+        (0, [[1] * 5, [0] * 5, [1] * 5], "allowed leaves a train nothing to do"),
+    ],
+)
+def test_what_no_train_can_act_on_is_refused(write_checkpoint, tmp_path, fill, allowed, text):
+    policy = railctl.load_policy(write_checkpoint(tmp_path / "any.safetensors"))
+    observations = np.zeros((3, policy.n_features), np.float32)
+    observations[1, 7] = fill
+    with pytest.raises(ValueError, match=text):
+        policy.act(observations, allowed)
+
+
+@pytest.mark.parametrize("infos", [{}, {"train_0": {}}, None])
+def test_observations_without_their_infos_are_refused(write_checkpoint, tmp_path, infos):
+    policy = railctl.load_policy(write_checkpoint(tmp_path / "any.safetensors"))
+    for observations in ({"train_0": np.zeros(policy.n_features, np.float32)}, None if infos is None else {"other": 0}):
+        with pytest.raises(ValueError, match="infos are not those of the observations: give both"):
+            policy.actions(observations, infos)
+
+
 def test_a_policy_drives_the_world_that_it_knows():
     policy = railctl.load_policy("pretrained/dispatch-easy")
     env = railctl.make_env(policy, render_mode="rgb_array")
@@ -106,6 +130,16 @@ def test_a_world_is_that_of_levels_of_a_run_file_or_of_settings(tmp_path):
         (lambda: railctl.train(name=5), "name=5: give text"),
         (lambda: railctl.evaluate("pretrained/dispatch-easy", mode="best"), "mode: "),
         (lambda: railctl.evaluate("random", levels="mine.npz", seed=3), "levels='mine.npz': .* leave out episodes and"),
+        (lambda: railctl.make_env("easy", level="hard"), "level='hard': levels are named by where='easy' already"),
+        (lambda: railctl.make_env("easy", level=""), "level='': levels are named by where='easy' already"),
+        (lambda: railctl.make_env("run.yaml", level=[]), r"level=\[\]: give text"),
+        (lambda: railctl.evaluate("random", level=""), "unknown level '': known are easy, hard, medium"),
+        (lambda: railctl.evaluate("random", level=[]), r"level=\[\]: give text"),
+        (lambda: railctl.evaluate("random", level=3), "level=3: give text"),
+        (lambda: railctl.evaluate("random", run_file=3), "run_file=3: give the path of a file"),
+        (lambda: railctl.evaluate("random", levels=3), "levels=3: give the path of a file"),
+        (lambda: railctl.train(run_file=3), "run_file=3: give the path of a file"),
+        (lambda: railctl.train(run_file="nix.yaml"), "nix.yaml cannot be read: .*: give an existing YAML file$"),
         (lambda: railctl.Run(RunFolder(Path("any"))).curve(0), "window=0: use a number of episodes, 1 or more"),
     ],
 )

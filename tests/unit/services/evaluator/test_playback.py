@@ -177,7 +177,7 @@ def test_levels_that_are_not_there_are_refused_in_a_line(play, timetabled):
         play(number=1000, policy="shortest-path")
     with pytest.raises(ConfigError, match=r"levels.npz: no level of index 3 in rush, the last is 2$"):
         play(timetabled, 3, policy="shortest-path")
-    with pytest.raises(ConfigError, match=r"^--level 'hrad': did you mean hard\?"):
+    with pytest.raises(ConfigError, match=r"^unknown level 'hrad': did you mean hard\?"):
         play(LevelChoice(names=("hrad",)), policy="shortest-path")
     with pytest.raises(
         UnplayableLevelError, match=r"levels.npz: rush, level 0: the planner plans for trains of speed 1"

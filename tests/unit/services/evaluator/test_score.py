@@ -161,7 +161,7 @@ def test_groups_that_cannot_be_played_are_named(weights, tmp_path):
     with pytest.raises(ConfigError, match=rf"^{path} has no group 'eassy': did you mean easy\? known are easy$"):
         score(request(weights, file=path, names=("eassy",)))
     np.savez(path, **{name: array[:0] for name, array in arrays.items()})
-    with pytest.raises(ConfigError, match=rf"^{path}: group 'easy' holds no levels: choose another with --level$"):
+    with pytest.raises(ConfigError, match=rf"^{path}: group 'easy' holds no levels: choose another one$"):
         score(request(weights, file=path))
     off_the_grid = level.grid.copy()
     off_the_grid[0, 0] = 0b1000_0000_0010_0000  # north and south, at the upper edge
