@@ -5,11 +5,24 @@ from collections.abc import Mapping, Sequence
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, GetCoreSchemaHandler, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    GetCoreSchemaHandler,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+)
 from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
 Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_WORDS = {  # of pydantic, and those of who writes YAML
+    "a valid tuple": "a list",
+    "Tuple should have": "Input should be a list of",
+    "Dictionary should have": "Input should be a dictionary of",
+}
 LARGEST = 2**53 - 1  # of whole numbers, if a field does not say
 
 
@@ -55,6 +68,14 @@ def _no_number(value: Any) -> Any:
     return value
 
 
+def _no_key_twice(value: Any, checked: ValidatorFunctionWrapHandler) -> Any:
+    """Keys that differ as they are written may be the same number."""
+    made = checked(value)
+    if isinstance(value, dict) and len(made) < len(value):
+        raise ValueError(f"a key is there twice in {shortened(value)}: leave one out")
+    return made
+
+
 _GUARDS = {"int": _no_boolean("int_type"), "float": _no_boolean("float_type"), "bool": _no_number}
 _DATA = ("default", "metadata", "serialization")  # of a schema, which are no schemas
 
@@ -65,6 +86,9 @@ def _guarded(schema: Any) -> Any:
         return [_guarded(part) for part in schema]
     if not isinstance(schema, dict) or _is_guarded(schema):
         return schema
+    if schema.get("type") == "dict":
+        parts = {key: part if key in _DATA else _guarded(part) for key, part in schema.items()}
+        return core_schema.no_info_wrap_validator_function(_no_key_twice, parts)
     guard = _GUARDS.get("bool" if _is_choice_of_booleans(schema) else str(schema.get("type")))
     if guard is None:
         return {key: part if key in _DATA else _guarded(part) for key, part in schema.items()}
@@ -80,7 +104,7 @@ def _is_choice_of_booleans(schema: dict[str, Any]) -> bool:
 def _is_guarded(schema: dict[str, Any]) -> bool:
     """A schema may come by several times: that of a section is a part of that of what it is in."""
     function = schema.get("function")
-    return isinstance(function, dict) and function.get("function") in _GUARDS.values()
+    return isinstance(function, dict) and function.get("function") in (*_GUARDS.values(), _no_key_twice)
 
 
 def _bounded(schema: dict[str, Any]) -> dict[str, Any]:
@@ -107,6 +131,9 @@ def describe(error: ValidationError, model: type[BaseModel]) -> str:
     if problem["type"] == "value_error":
         return f"{field}: {message}" if field else message
     where = f"{field}: " if field else ""
+    message = message.partition(" after validation")[0]
+    for theirs, ours in _WORDS.items():
+        message = message.replace(theirs, ours)
     return f"{where}{message[0].lower()}{message[1:]}, not {shortened(problem['input'])}"
 
 

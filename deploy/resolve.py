@@ -84,7 +84,7 @@ def resolve(given: Plain, base: Path = Path()) -> RunConfig:
         raise ConfigError(f"levels: nothing says that {name} is played: add mix: {{{name}: 1}}, or choose level {name}")
     given["mix"] = mix
     world = read_world({"levels": chosen}, base)
-    learning = merge(preset, by_level[_most_alike(world, list(by_level))])
+    learning = laid_over(preset, by_level[_most_alike(world, list(by_level))])
     defaults = {
         "algorithm": algorithm,
         "episodes": 1500,
@@ -95,7 +95,8 @@ def resolve(given: Plain, base: Path = Path()) -> RunConfig:
         },
         **({"max_staleness": MAX_STALENESS} if given.get("lag") == "free" else {}),
     }
-    merged = merge(merge(defaults, settings_of(rule).adapted(learning, given.get("lag") or 0)), given)
+    adapted = settings_of(rule).adapted(learning, given.get("lag") or 0)
+    merged = laid_over(laid_over(defaults, adapted), given)
     merged["levels"] = world.model_dump(mode="json")["levels"]
     if "actors" in given.get("cluster", {}):  # named actors replace the default ones, they do not add to them
         merged["cluster"]["actors"] = given["cluster"]["actors"]
@@ -109,8 +110,8 @@ def understood(given: Plain) -> tuple[str, str, Plain]:
         ConfigError: there is no such algorithm or rule, or a key is none of them, or no section where it should be.
     """
     given = upgraded(given)
-    algorithm = str(given.get("algorithm", "dddqn"))
-    rule = str(given.get("rule", preset_of(algorithm)["rule"]))
+    algorithm = _name("algorithm", given.get("algorithm", "dddqn"))
+    rule = _name("rule", given.get("rule", preset_of(algorithm)["rule"]))
     given = spelled_out(given, rule)
     check_sections(given, rule)
     homes_of(given, rule)
@@ -144,7 +145,7 @@ def resolve_existing(saved: RunConfig, given: Plain, name: str, base: Path = Pat
         check_levels(given["levels"])
         own = {level: spec for level, spec in given["levels"].items() if level in saved.mix}
         given["levels"] = read_world({"levels": own}, base).model_dump(mode="json")["levels"] if own else {}
-    merged = merge(kept, given | _beginnings(saved, given, base, name))
+    merged = laid_over(kept, given | _beginnings(saved, given, base, name))
     merged["levels"] = kept["levels"] | given.get("levels", {})
     if "actors" in given.get("cluster", {}):
         merged["cluster"]["actors"] = given["cluster"]["actors"]
@@ -225,9 +226,13 @@ def spelled_out(given: Plain, rule: str) -> Plain:
         return given
     if "mix" in given:
         raise ConfigError("level and mix are both given: leave one out")
-    if not isinstance(level, str):
-        raise ConfigError(f"level: input should be the name of a level, not {shortened(level)}")
-    return given | {"mix": {level: 1.0}}
+    return given | {"mix": {_name("level", level): 1.0}}
+
+
+def _name(key: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise ConfigError(f"{key}: input should be a name, not {shortened(value)}")
+    return value
 
 
 def _with_kind(key: str, value: Any, rule: str) -> Any:
@@ -332,19 +337,26 @@ def parse_actors(text: str) -> dict[str, int]:
 
 
 def merge(below: Mapping[str, Any], above: Mapping[str, Any], path: str = "") -> Plain:
-    """`above` laid over `below`, mapping by mapping; both lie at `path`, as an error names it.
+    """What the user said in two places, `above` over `below`; both lie at `path`, as an error names it.
 
     Raises:
         ConfigError: a mapping would cover something that is none.
     """
+    for key, value in above.items():
+        under = below.get(key)
+        if not isinstance(value, dict) or under is None:
+            continue
+        if not isinstance(under, dict):
+            both = f"{shortened(under, 30)} and {shortened(value, 30)}"
+            raise ConfigError(f"{path}{key}: cannot be both {both}: give one of them")
+        merge(under, value, f"{path}{key}.")
+    return laid_over(below, above)
+
+
+def laid_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> Plain:
+    """`above` laid over `below`, mapping by mapping."""
     result = dict(below)
     for key, value in above.items():
         under = result.get(key)
-        if not isinstance(value, dict) or under is None:
-            result[key] = value
-        elif isinstance(under, dict):
-            result[key] = merge(under, value, f"{path}{key}.")
-        else:
-            both = f"{shortened(under, 30)} and {shortened(value, 30)}"
-            raise ConfigError(f"{path}{key}: cannot be both {both}: give one of them")
+        result[key] = laid_over(under, value) if isinstance(under, dict) and isinstance(value, dict) else value
     return result

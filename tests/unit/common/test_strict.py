@@ -92,6 +92,12 @@ def said(**changes):
         ),
         ({"path": [{"x": 1}, {"x": 1, "z": 2}]}, "unknown key path.1.z: known are x, y"),
         ({"path": [{"x": 1}, 7]}, "path.1: input should be a valid dictionary, not 7"),
+        ({"path": 7}, "path: input should be a list, not 7"),
+        (
+            {"shape": {"kind": "square", "corners": [{"x": 1}] * 3}},
+            "shape.corners: input should be a list of at most 2 items, not [{'x': 1}, {'x': 1}, {'x': 1}]",
+        ),
+        ({"scales": {"0.5": 1, 0.5: 1}}, "scales: a key is there twice in {'0.5': 1, 0.5: 1}: leave one out"),
         ({"scales": {0: 1}}, "scales.0: input should be greater than 0, not 0"),
         ({"scales": {0.5: 2}}, "scales.0.5: input should be less than or equal to 1, not 2"),
         ({"scales": 5}, "scales: input should be a valid dictionary, not 5"),

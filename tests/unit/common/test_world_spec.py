@@ -140,7 +140,7 @@ def test_a_world_comes_back_from_plain_data(levels):
         ({"size": [5, 30]}, "levels.rush.size.0: input should be greater than or equal to 6, not 5"),
         ({"size": [30, 201]}, "levels.rush.size.1: input should be less than or equal to 200, not 201"),
         ({"size": [30]}, "levels.rush.size.1 is missing: give it a value"),
-        ({"size": 30}, "levels.rush.size: input should be a valid tuple, not 30"),
+        ({"size": 30}, "levels.rush.size: input should be a list, not 30"),
         ({"trains": 0}, "levels.rush.trains: input should be greater than or equal to 1, not 0"),
         ({"trains": 1001}, "levels.rush.trains: input should be less than or equal to 1000, not 1001"),
         ({"trains": "many"}, "levels.rush.trains: input should be a valid integer, unable to parse "),
@@ -151,6 +151,10 @@ def test_a_world_comes_back_from_plain_data(levels):
         ({"held_out": 1001}, "levels.rush.held_out: input should be less than or equal to 1000, not 1001"),
         ({"timetable": "soon"}, "levels.rush.timetable: input should be a valid boolean"),
         ({"speeds": {1: 0.5, 0.5: 0.25}}, "levels.rush: the shares of speeds add up to 0.75: make it 1"),
+        (
+            {"speeds": {"1": 0.5, 1: 0.5}},
+            "levels.rush.speeds: a key is there twice in {'1': 0.5, 1: 0.5}: leave one out",
+        ),
         ({"speeds": {}}, "levels.rush: the shares of speeds add up to 0: make it 1"),
         ({"speeds": {2: 1}}, "levels.rush.speeds.2: input should be less than or equal to 1, not 2"),
         ({"speeds": {0: 1}}, "levels.rush.speeds.0: input should be greater than 0, not 0"),
@@ -194,8 +198,8 @@ def test_wrong_levels_are_named(changes, text):
 @pytest.mark.parametrize(
     ("levels", "text"),
     [
-        ({"files": []}, "levels.rush.files: tuple should have at least 1 item"),
-        ({"files": 5}, "levels.rush.files: input should be a valid tuple, not 5"),
+        ({"files": []}, "levels.rush.files: input should be a list of at least 1 item, not []"),
+        ({"files": 5}, "levels.rush.files: input should be a list, not 5"),
         ({"files": [5]}, "levels.rush.files.0: input should be a valid string, not 5"),
         ({"files": "a", "evaluation": 0}, "levels.rush.evaluation: input should be greater than 0, not 0"),
         ({"files": "a", "evaluation": 1}, "levels.rush.evaluation: input should be less than 1, not 1"),
@@ -214,7 +218,7 @@ def test_levels_that_are_no_distribution_are_named(levels, text):
 @pytest.mark.parametrize(
     ("levels", "text"),
     [
-        ({}, "levels: dictionary should have at least 1 item"),
+        ({}, "levels: input should be a dictionary of at least 1 item"),
         ({"any": STOCK}, "levels: any is what actors serve that serve all levels: choose another name"),
         ({"a b": STOCK}, "levels.a b: string should match pattern '^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$', not 'a b'"),
         ({"-a": STOCK}, "levels.-a: string should match pattern "),

@@ -275,7 +275,7 @@ def test_what_is_wrong_with_a_new_run_is_one_line_and_nothing_is_made(root, tmp_
         ("reward: {kind: study, bonus: 1}", "unknown key reward.bonus: "),
         ("decisions: often", "decisions: input should be 'cells', 'legacy' or 'always', not 'often'"),
         ("algorithm: ppo\nreplay: prioritized", "replay: rule ppo has no use for it, leave it out"),
-        ("dqn: {learning_rate: {x: 1}}", "dqn.learning_rate: cannot be both 0.0003 and {'x': 1}: give one of them"),
+        ("dqn: {learning_rate: {x: 1}}", "dqn.learning_rate: input should be a valid number, not {'x': 1}"),
         ("cluster: 5", "cluster: cannot be both 5 and {'cores': 1}: give one of them"),
     ],
 )

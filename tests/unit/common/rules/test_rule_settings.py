@@ -121,7 +121,7 @@ def test_settings_come_back_from_plain_data(rule):
             "ppo",
             "network.hidden",
             [],
-            "network.hidden: tuple should have at least 1 item after validation, not 0",
+            "network.hidden: input should be a list of at least 1 item, not ",
         ),
         ("dqn", "network.hidden", [4097], "network.hidden.0: input should be less than or equal to 4096, not 4097"),
         ("dqn", "network.width", 3, "unknown key network.width: known are hidden, kind"),
