@@ -5,6 +5,7 @@ The authority signs once and its key is thrown away: nobody can ever make anothe
 
 import ipaddress
 import os
+import re
 import shutil
 import socket
 from collections.abc import Sequence
@@ -32,6 +33,7 @@ from railctl.deploy.runs import Failed
 
 LIFETIME = timedelta(days=3 * 365)
 SLACK = timedelta(days=1)  # of the clocks of other machines
+LABEL = re.compile("[A-Za-z0-9]([A-Za-z0-9-]{0,61}[A-Za-z0-9])?")  # of a name, between dots
 HERE = ("localhost", "127.0.0.1")
 REMEDY = "make keys anew with railctl keys create, or copy those that the run's host has"
 
@@ -143,7 +145,8 @@ def _name_or_address(role: FarRole, host: str) -> x509.GeneralName:
     except ValueError:
         pass
     labels = host.split(".")
-    if all(label.replace("-", "a").isalnum() and host.isascii() for label in labels) and len(host) <= 253:
+    is_number = labels[-1].isdecimal()  # whatever looks for it takes it for an address
+    if all(LABEL.fullmatch(label) for label in labels) and not is_number and len(host) <= 253:
         return x509.DNSName(host)
     raise ConfigError(f"--{role} {host!r}: is no name or address of a machine: write for example --{role} node7")
 

@@ -138,7 +138,9 @@ def test_keys_lie_beside_the_runs_unless_a_folder_is_given(tmp_path, monkeypatch
     check(Credentials(tmp_path / "keys", "host"))
 
 
-@pytest.mark.parametrize("host", ["a b", "node7:7447", "tls/node7", "a..b", "é", "x" * 254])
+@pytest.mark.parametrize(
+    "host", ["a b", "node7:7447", "tls/node7", "a..b", "é", "x" * 254, "x" * 64, "999.1.1.1", "-a", "a-.b"]
+)
 def test_what_is_no_name_of_a_machine_is_refused_and_nothing_is_made(tmp_path, host):
     text = complaint(WRONG_USAGE, "keys", "create", str(tmp_path / "keys"), "--host", host)
     assert text.startswith(f"railctl: --host {host!r}: is no name or address of a machine: ")
