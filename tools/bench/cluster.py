@@ -35,7 +35,7 @@ from railctl.deploy.output import print_table
 from railctl.tools.bench.alone import Alone
 from railctl.tools.bench.launching import NAME, Case, play
 from railctl.tools.bench.machines import MOST_MACHINES, NoMachinesError
-from railctl.tools.bench.measuring import DisagreementError, Parser, count
+from railctl.tools.bench.measuring import DisagreementError, Parser, count, one_of
 from railctl.tools.bench.processes import Watch
 
 ALGORITHMS = ("dqn", "ddqn", "dddqn", "drqn", "ppo", "ppor", "sil")  # the study's
@@ -204,8 +204,8 @@ def main() -> None:
     parser = Parser(description="Measure whole clusters.", allow_abbrev=False)
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     parser.add_argument("--episodes", type=count, default=300, help="of a run; default: %(default)s")
-    parser.add_argument("--level", default="easy", choices=list(shipped()), help="default: %(default)s")
-    parser.add_argument("--algorithm", action="append", choices=ALGORITHMS + OTHERS, help="default: the study's")
+    parser.add_argument("--level", default="easy", type=one_of(list(shipped())), help="default: %(default)s")
+    parser.add_argument("--algorithm", action="append", type=one_of(ALGORITHMS + OTHERS), help="default: the study's")
     parser.add_argument("--lag", action="append", type=lag_of, help="a number or free; may be repeated")
     parser.add_argument("--actors", action="append", type=up_to(MAX_ACTORS), help="by each lag; may be repeated")
     parser.add_argument("--machines", action="append", type=up_to(MOST_MACHINES), help="that have the actors; likewise")

@@ -41,7 +41,7 @@ from railctl.common.rows import read_rows
 from railctl.common.task import FAILED
 from railctl.tools.bench.cluster import WARM_UP
 from railctl.tools.bench.launching import NAME, ended_with_us, railctl
-from railctl.tools.bench.measuring import DisagreementError, Parser, Sample, count, row_of, show
+from railctl.tools.bench.measuring import DisagreementError, Parser, Sample, count, one_of, row_of, show
 from railctl.tools.bench.plain_training import PlainTraining, Trained, settings_of
 
 ALGORITHM = "dddqn"
@@ -132,7 +132,7 @@ def measure(level: str, episodes: int, repeats: int) -> Iterator[list[Sample]]:
 def main() -> None:
     parser = Parser(description="Compare whole training runs with a plain loop.", allow_abbrev=False)
     parser.add_argument("--json", action="store_true", help="print one JSON document")
-    parser.add_argument("--level", default="easy", choices=list(shipped()), help="default: %(default)s")
+    parser.add_argument("--level", default="easy", type=one_of(list(shipped())), help="default: %(default)s")
     parser.add_argument("--episodes", type=count, default=40, help="of a run; default: %(default)s")
     parser.add_argument("--repeats", type=count, default=3, help="default: %(default)s")
     chosen = parser.parse_args()

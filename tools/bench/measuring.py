@@ -23,6 +23,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from railctl.common.strict import nearest, shortened
 from railctl.common.task import FAILED, WRONG_USAGE
 
 REPEATS = 5
@@ -146,7 +147,7 @@ class Parser(argparse.ArgumentParser):
     """Says what is wrong in one line."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(WRONG_USAGE, f"railctl: {message}\n")
+        self.exit(WRONG_USAGE, f"railctl: {message.removeprefix('argument ')}\n")
 
 
 def _parse(description: str, options: Mapping[str, int | tuple[str, ...]]) -> dict[str, Any]:
@@ -154,7 +155,7 @@ def _parse(description: str, options: Mapping[str, int | tuple[str, ...]]) -> di
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     for option, values in {"repeats": REPEATS, **options}.items():
         if isinstance(values, tuple):
-            parser.add_argument(f"--{option}", choices=values, default=values[0], help="default: %(default)s")
+            parser.add_argument(f"--{option}", type=one_of(values), default=values[0], help="default: %(default)s")
         else:
             parser.add_argument(f"--{option}", type=count, default=values, help="default: %(default)s")
     return vars(parser.parse_args())
@@ -165,6 +166,17 @@ def count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0")
     return int(text)
+
+
+def one_of(known: Sequence[str]) -> Callable[[str], str]:
+    """What reads an option that is a choice."""
+
+    def chosen(text: str) -> str:
+        if text not in known:
+            raise argparse.ArgumentTypeError(f"unknown {shortened(text)}{nearest(text, list(known))}")
+        return text
+
+    return chosen
 
 
 class _Shower:

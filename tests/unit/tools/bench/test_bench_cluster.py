@@ -40,6 +40,20 @@ def test_a_machine_without_an_actor_is_refused(monkeypatch, capsys):
     assert capsys.readouterr().err == "railctl: --actors 2: 3 machines need an actor each: use more\n"
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "text"),
+    [
+        ("--lag", "x", "--lag: 'x' is no lag: give a whole number from 0 to 1024, or free"),
+        ("--level", "esy", "--level: unknown 'esy': did you mean easy? known are easy, hard, medium"),
+    ],
+)
+def test_what_is_no_value_of_an_option_is_refused_in_a_line(monkeypatch, capsys, option, value, text):
+    monkeypatch.setattr("sys.argv", ["bench", option, value])
+    with pytest.raises(SystemExit):
+        main()
+    assert capsys.readouterr().err == f"railctl: {text}\n"
+
+
 @pytest.mark.parametrize("text", ["3.5", "-1", "1025", "fre", ""])
 def test_what_is_no_lag_is_refused(text):
     with pytest.raises(argparse.ArgumentTypeError, match="is no lag: give a whole number from 0 to 1024, or free"):

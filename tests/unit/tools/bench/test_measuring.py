@@ -103,9 +103,9 @@ def test_a_disagreement_is_one_line_and_no_times(run):
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (("--repeats", "0"), "railctl: argument --repeats: '0' is not a number above 0"),
-        (("--worlds", "many"), "railctl: argument --worlds: 'many' is not a number above 0"),
-        (("--fuel", "gas"), "railctl: argument --fuel: invalid choice: 'gas' (choose from 'coal', 'oil')"),
+        (("--repeats", "0"), "railctl: --repeats: '0' is not a number above 0"),
+        (("--worlds", "many"), "railctl: --worlds: 'many' is not a number above 0"),
+        (("--fuel", "gas"), "railctl: --fuel: unknown 'gas': known are coal, oil"),
         (("--steps", "3"), "railctl: unrecognized arguments: --steps 3"),
     ],
 )
