@@ -57,7 +57,7 @@ class MlflowSink:
             self._describe()
             self._client.update_run(self.run_id, status="RUNNING")
         except ImportError as error:
-            raise Failed(f"--mlflow {uri}: {error}: pip install 'railctl[mlflow]'") from None
+            raise Failed(f"--mlflow {uri}: {error}: install the driver of its database") from None
         except UNUSABLE as error:
             raise self._failed(error) from None
 

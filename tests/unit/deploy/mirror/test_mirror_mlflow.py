@@ -1,6 +1,7 @@
 """railctl mirror: a run's rows in a real store of MLflow, each number once."""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -87,6 +88,20 @@ def test_what_was_killed_before_it_had_described_the_run_does_so_the_next_time(r
 @pytest.mark.parametrize("uri", ["sqlite://", "sqlite:///", "sqlite:///:memory:"])
 def test_a_store_that_would_be_gone_is_refused(run, uri):
     assert "a store in memory ends with this command" in complaint(2, "mirror", "one", "--mlflow", uri)
+
+
+@pytest.mark.parametrize("uri", ["mlruns", "./mlruns", "file:///tmp/mlruns"])
+def test_a_store_in_a_folder_is_refused(run, uri):
+    assert complaint(2, "mirror", "one", "--mlflow", uri) == (
+        f"railctl: --mlflow {uri}: MLflow keeps runs in folders no more: name a file, as sqlite:///runs.db"
+    )
+
+
+def test_a_database_without_its_driver_is_one_line(run, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyodbc", None)
+    said = complaint(1, "mirror", "one", "--mlflow", "mssql://there")
+    assert said.startswith("railctl: --mlflow mssql://there: ")
+    assert said.endswith(": install the driver of its database")
 
 
 def test_history_and_what_comes_are_there_once_and_so_is_the_configuration(run):
