@@ -4,7 +4,7 @@ import errno
 import json
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any, NoReturn, ParamSpec
@@ -103,10 +103,24 @@ def check_folder_of(path: Path, given: str) -> None:
 
 
 def check_free(path: Path, given: str) -> None:
-    """The same, also if something is there already."""
-    if path.exists():
+    """The same, also if something is there already, be it a link that leads nowhere."""
+    if os.path.lexists(path):
         raise ConfigError(f"{given}: exists already: give another name")
     check_folder_of(path, given)
+
+
+def check_replaceable(path: Path, given: str) -> None:
+    """As `check_folder_of`, also if a folder is there; a file is replaced."""
+    if path.is_dir():
+        raise ConfigError(f"{given}: it is a folder: give another name")
+    check_folder_of(path, given)
+
+
+def check_unused(options: Mapping[str, Any], reason: str) -> None:
+    """Raise ConfigError if one of these options is given, which has no use there."""
+    for option, given in options.items():
+        if given is not None:
+            raise ConfigError(f"{option} {given}: {reason}")
 
 
 def one_line_errors(command: Callable[P, None]) -> Callable[P, None]:

@@ -12,7 +12,7 @@ from typing import Any
 from railctl.common.requests import DRAWING, LevelChoice, PlaybackRequest, RenderRequest
 from railctl.common.strict import ConfigError
 from railctl.deploy.commands.references import REFERENCES
-from railctl.deploy.output import check_folder_of, counted
+from railctl.deploy.output import check_replaceable, check_unused, counted
 from railctl.deploy.playback import play_back, playback_request
 from railctl.deploy.runs import Failed
 from railctl.deploy.task import run_task
@@ -76,22 +76,22 @@ def _on_the_same(request: PlaybackRequest, level: Mapping[str, Any]) -> Playback
     return request.model_copy(update={"levels": request.levels.model_copy(update={"names": (level["name"],)})})
 
 
-def check_output(output: Path | None, step: int | None) -> None:
+def check_output(output: Path | None, step: int | None, fps: float | None) -> None:
     """Raise ConfigError or Failed if this cannot be written, before anything is played."""
     suffix = FORMATS[0] if output is None else output.suffix
     if suffix not in FORMATS:
         raise ConfigError(f"--output {output}: use a name that ends with {', '.join(FORMATS)}")
     if step is not None and suffix != ".png":
         raise ConfigError(f"--step {step}: a film shows all steps: add --output NAME.png, or leave it out")
+    if suffix == ".png":
+        check_unused({"--fps": fps}, "a picture shows one moment: leave it out")
     if suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise ConfigError(f"--output {output}: there is no ffmpeg to write it with: install ffmpeg, or write a .gif")
     if output is not None:
-        check_folder_of(output, f"--output {output}")
+        check_replaceable(output, f"--output {output}")
     folder = Path.cwd() if output is None else output.absolute().parent
     if not os.access(folder, os.W_OK):
         raise Failed(f"{folder}: nothing can be written there: give --output in another folder")
-    if output is not None and output.is_dir():
-        raise ConfigError(f"--output {output}: it is a folder: give another name")
 
 
 def default_name(names: Sequence[str], level: Mapping[str, Any]) -> Path:

@@ -57,7 +57,8 @@ def evaluate(  # noqa: PLR0913
         episodes: how many levels; if not given 100, or all that are held out.
         mode: take the best action, or draw as the network's probabilities say; if not given as its run scores it.
         seed: of the levels; all runs are evaluated on those of 0, which no run trains on.
-        levels: a file of levels to play instead, .npz or flatland-rl's .pkl; then `episodes` and `seed` stay out.
+        levels: a file of levels to play instead, .npz or flatland-rl's .pkl; then `episodes`, `seed` and `run_file`
+            stay out.
         run_file: a run file with levels of your own.
         progress: say on stderr how far it is.
 

@@ -71,8 +71,10 @@ def scored(  # noqa: PLR0913
     progress: bool,
 ) -> Evaluation:
     """See `railctl.evaluate`."""
-    if levels is not None and (episodes is not None or seed):
-        raise ConfigError(f"levels={str(levels)!r}: the file says which levels there are: leave out episodes and seed")
+    if levels is not None and (episodes is not None or seed or run_file is not None):
+        raise ConfigError(
+            f"levels={str(levels)!r}: the file says which levels there are: leave out episodes, seed and run_file"
+        )
     name = policy.name if isinstance(policy, (Policy, Run)) else str(policy)
     is_reference = isinstance(policy, str) and policy in REFERENCES
     first = None if levels is not None else "easy" if is_reference else _first_level(policy)

@@ -9,11 +9,25 @@ from pathlib import Path
 
 from railctl.common.levels.chunks import SUFFIX, Chunk
 from railctl.common.levels.level import Level
+from railctl.common.strict import ConfigError
 
 
 def bank_root(runs: Path) -> Path:
-    """Where the bank lies that all runs in a folder share: $RAILCTL_LEVELS, or `.levels` in that folder."""
-    return Path(os.environ.get("RAILCTL_LEVELS") or runs / ".levels")
+    """Where the bank lies that all runs in a folder share: $RAILCTL_LEVELS, or `.levels` in that folder.
+
+    Raises:
+        ConfigError: it cannot be there.
+    """
+    if not (given := os.environ.get("RAILCTL_LEVELS")):
+        return runs / ".levels"
+    check_bank(Path(given), f"RAILCTL_LEVELS {given}")
+    return Path(given)
+
+
+def check_bank(root: Path, given: str) -> None:
+    """Raise ConfigError if something else than a folder is there; `given`: where it was said, with its value."""
+    if os.path.lexists(root) and not root.is_dir():
+        raise ConfigError(f"{given}: it is no folder: give another")
 
 
 class LevelBank:

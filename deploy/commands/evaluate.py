@@ -73,7 +73,7 @@ def evaluate(
         check_reference(checkpoint, draws, orders, sample=sample)
     elif orders is not None:
         raise ConfigError("--orders: only planners try orders of trains: leave it out")
-    _check(levels, episodes, seed, draws, sample=sample)
+    _check(levels, episodes, seed, draws, file, sample=sample)
     choice = LevelChoice(
         names=tuple(dict.fromkeys(level)) if level else None,
         own=levels_of_run_file(file) if file else {},
@@ -115,7 +115,13 @@ def _scored_reference(policy: str, draws: int | None, orders: int | None, choice
 
 
 def _check(
-    levels: Path | None, episodes: int | None, seed: int | None, draws: int | None, *, sample: bool | None
+    levels: Path | None,
+    episodes: int | None,
+    seed: int | None,
+    draws: int | None,
+    file: Path | None,
+    *,
+    sample: bool | None,
 ) -> None:
     """Raise ConfigError if the options do not go together."""
     if episodes is not None and episodes < 1:
@@ -134,3 +140,5 @@ def _check(
         raise ConfigError(f"--levels and --episodes: all levels of {levels} are played, leave --episodes out")
     if seed is not None:
         raise ConfigError("--levels and --seed: given levels are not drawn, leave --seed out (--draws is of sampling)")
+    if file is not None:
+        raise ConfigError(f"--levels and -f: the levels come out of {levels}, leave -f out")

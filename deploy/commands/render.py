@@ -10,7 +10,7 @@ from railctl.common.requests import FPS, LevelChoice
 from railctl.common.strict import ConfigError
 from railctl.deploy.commands.references import REFERENCES
 from railctl.deploy.levels import levels_of_run_file
-from railctl.deploy.output import AsJson, counted, one_line_errors, say
+from railctl.deploy.output import AsJson, check_unused, counted, one_line_errors, say
 from railctl.deploy.rendering import Rendering, check_output, told
 from railctl.deploy.runs import runs_root
 
@@ -62,14 +62,16 @@ def render(
         ),
     ] = None,
     step: Annotated[int | None, typer.Option(help="Of a .png: the step to draw instead.", min=0)] = None,
-    fps: Annotated[float, typer.Option(help="Steps a second of a film.", min=1, max=50)] = FPS,
+    fps: Annotated[
+        float | None, typer.Option(help=f"Steps a second of a film; default: {FPS:g}.", min=1, max=50)
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Draw an episode on its map, as a film or a picture; two policies beside each other with --against."""
     _check(
         levels, {"--group": group, "--index": index}, {"--level": level, "--number": number, "--seed": seed, "-f": file}
     )
-    check_output(output, step)
+    check_output(output, step, fps)
     name = level if levels is None else group
     choice = LevelChoice(
         names=None if name is None else (name,),
@@ -81,7 +83,7 @@ def render(
     )
     names = [policy] if against is None else [policy, against]
     rendering = Rendering(choice, (number if levels is None else index) or 0, sample, draws)
-    drawn = rendering.draw(names, output, step, fps)
+    drawn = rendering.draw(names, output, step, fps or FPS)
     size = f"{counted(drawn['pictures'], 'picture')}, {drawn['bytes'] / 1e6:.1f} MB"
     say("\n".join([*map(told, drawn["episodes"]), f"picture  {drawn['picture']}  ({size})"]), drawn, as_json=as_json)
 
@@ -89,11 +91,8 @@ def render(
 def _check(levels: Path | None, of_files: dict[str, Any], of_others: dict[str, Any]) -> None:
     """Raise ConfigError if the options do not say one level."""
     if levels is None:
-        unused, reason = of_files, "it is said of a file: add --levels FILE, or use --level and --number"
+        check_unused(of_files, "it is said of a file: add --levels FILE, or use --level and --number")
     else:
-        unused, reason = of_others, f"the level comes out of {levels}: leave it out"
-    for option, given in unused.items():
-        if given is not None:
-            raise ConfigError(f"{option} {given}: {reason}")
+        check_unused(of_others, f"the level comes out of {levels}: leave it out")
     if levels is not None and not levels.is_file():
         raise ConfigError(f"--levels {levels}: no such file")

@@ -6,14 +6,12 @@ from typing import Annotated
 
 import typer
 
-from railctl.common.levels.bank import bank_root
 from railctl.common.levels.distributions import LevelFiles
 from railctl.common.levels.requests import BuildRequest
 from railctl.common.strict import ConfigError, shortened
-from railctl.deploy.commands.levels.options import Bank, RunFile, chosen
+from railctl.deploy.commands.levels.options import Bank, RunFile, bank_at, chosen
 from railctl.deploy.levels import ask, known_levels
 from railctl.deploy.output import AsJson, one_line_errors, say
-from railctl.deploy.runs import runs_root
 
 SEEDS = re.compile(r"([0-9]{1,10})(?:-([0-9]{1,10}))?")
 MOST_LEVELS = 10_000_000
@@ -42,7 +40,7 @@ def build(
     names = level or [name for name, levels in known.items() if not isinstance(levels, LevelFiles)]
     result = ask(
         BuildRequest(
-            bank=bank or bank_root(runs_root()),
+            bank=bank_at(bank),
             levels=chosen(names, file),
             first_seed=first,
             last_seed=last,

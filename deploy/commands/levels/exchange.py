@@ -5,13 +5,10 @@ from typing import Annotated, Any
 
 import typer
 
-from railctl.common.levels.bank import bank_root
 from railctl.common.levels.requests import ExportRequest, ImportRequest
-from railctl.common.strict import ConfigError
 from railctl.deploy.commands.levels.options import Bank, Level, LevelFile, RunFile, drawn_from
 from railctl.deploy.levels import ask
-from railctl.deploy.output import AsJson, counted, one_line_errors, say
-from railctl.deploy.runs import runs_root
+from railctl.deploy.output import AsJson, check_free, check_unused, counted, one_line_errors, say
 
 
 @one_line_errors
@@ -26,8 +23,10 @@ def import_(
 ) -> None:
     """Gather levels of flatland-rl's files or .npz files in one .npz file.
 
-    Speeds, malfunctions and timetables come along; what cannot is named. Levels of one shape share a group.
+    Speeds, malfunctions and timetables come along; what cannot is named. Levels of one shape share a group. What is
+    there already is not overwritten.
     """
+    check_free(output, f"--output {output}")
     result = ask(ImportRequest(files=tuple(files), group=group, output=output))
     say("\n".join([*_read(result), f"{output}: {_counts(result['groups'])}"]), result, as_json=as_json)
 
@@ -35,7 +34,7 @@ def import_(
 @one_line_errors
 def export(
     levels: LevelFile = None,
-    level: Level = "easy",
+    level: Level = None,
     file: RunFile = None,
     count: Annotated[
         int | None, typer.Option(help="How many levels; default: 100, or all evaluation levels.", min=1)
@@ -49,10 +48,15 @@ def export(
     bank: Bank = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write levels to a file, for other programs or for flatland-rl's own tools."""
-    if levels is not None and file is not None:
-        raise ConfigError(f"-f {file}: the levels come out of {levels}, leave one out")
-    drawn = None if levels is not None else drawn_from(level, file, bank or bank_root(runs_root()))
+    """Write levels to a file, for other programs or for flatland-rl's own tools.
+
+    What is there already is not overwritten.
+    """
+    if levels is not None:
+        others = {"--level": level, "-f": file, "--count": count, "--seed": seed, "--bank": bank}
+        check_unused(others, f"all levels come out of {levels}: leave it out")
+    check_free(output, f"--output {output}")
+    drawn = None if levels is not None else drawn_from(level, file, bank)
     result = ask(ExportRequest(file=levels, drawn=drawn, count=count, seed=seed, output=output))
     text = f"{output}: {_counts(result['groups'])} in {counted(result['files'], 'file')}"
     say("\n".join([*(f"{levels}: {note}" for note in result["left_out"]), text]), result, as_json=as_json)

@@ -6,14 +6,12 @@ from typing import Annotated, Any
 
 import typer
 
-from railctl.common.levels.bank import bank_root
 from railctl.common.levels.requests import ReplayRequest, VerifyRequest
 from railctl.common.strict import ConfigError
 from railctl.common.task import FAILED
-from railctl.deploy.commands.levels.options import Bank, RunFile
+from railctl.deploy.commands.levels.options import Bank, RunFile, bank_at
 from railctl.deploy.levels import ask, known_levels
 from railctl.deploy.output import AsJson, counted, one_line_errors, say
-from railctl.deploy.runs import runs_root
 
 SAMPLE = 100
 
@@ -38,7 +36,7 @@ def verify(
     ship and those of the run file given with -f.
     """
     if recordings is None:
-        root = bank or bank_root(runs_root())
+        root = bank_at(bank)
         wanted = SAMPLE if sample is None else sample
         result = ask(VerifyRequest(bank=root, levels=known_levels(file), sample=wanted))
         say(f"{root}: no change in {counted(result['levels'], 'level')}", result, as_json=as_json)

@@ -40,6 +40,7 @@ def test_a_file_is_written_in_the_world_of_a_run(here):
         (["planner", "--sample"], "--sample: planner is no network whose actions could be drawn, or the best"),
         (["shortest-path-planned", "--orders", "3"], "--orders: only planners try orders of trains"),
         (["planner", "--out", "run.yaml"], "--out run.yaml: exists already: give another name"),
+        (["planner", "--out", "nowhere.demos"], "--out nowhere.demos: exists already: give another name"),
         (["planner", "--out", "no/some.demos"], "--out no/some.demos: there is no folder no: make it first"),
         (["planr"], "no file planr, and no run named 'planr'"),
         (["planner", "--set", "interlocking=planned"], "planner: an interlocking (planned) may forbid"),
@@ -47,6 +48,7 @@ def test_a_file_is_written_in_the_world_of_a_run(here):
 )
 def test_what_cannot_be_is_refused_in_one_line(arguments, text):
     Path("run.yaml").write_text("")
+    Path("nowhere.demos").symlink_to("nowhere")
     out = [] if "--out" in arguments else ["--out", "some.demos"]
     result = railctl(*arguments, *out)
     assert result.exit_code == 2

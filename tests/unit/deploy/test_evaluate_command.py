@@ -97,6 +97,10 @@ def request(asked):
             ["one", "--levels", "levels.npz", "--seed", "2"],
             "--levels and --seed: given levels are not drawn, leave --seed out (--draws is of sampling)",
         ),
+        (
+            ["one", "--levels", "levels.npz", "-f", "own.yaml"],
+            "--levels and -f: the levels come out of levels.npz, leave -f out",
+        ),
         (["one", "--draws", "-1"], "--draws -1: use 0 or a number above"),
         (
             ["one", "--greedy", "--draws", "1"],

@@ -18,6 +18,7 @@ from railctl.common.levels.generate import generate as generate_any
 from railctl.common.levels.shipped import generate
 from railctl.common.levels.supply import LevelSupply
 from railctl.common.seeding import evaluation_level_seed, training_level_seed
+from railctl.deploy import levels
 from railctl.deploy.cli import app
 
 RUN_FILE = """
@@ -142,6 +143,7 @@ def test_a_level_is_drawn(railctl, tmp_path: Path):
     with Image.open(picture) as image:
         pixels = np.asarray(image.convert("RGB"))
     assert min(pixels.shape[:2]) > 800
+    railctl("show", "--output", picture)  # which replaces it
     for colour in ((0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00), (0x3C, 0x3A, 0x36)):  # two trains, and steel
         assert (np.abs(pixels.astype(int) - colour).sum(axis=2) < 12).sum() > 100
 
@@ -174,7 +176,7 @@ def test_an_import_says_what_every_file_holds_and_what_it_leaves_out(railctl, tm
         f"{paths[1]}: left out: the recorded actions",
         f"{tmp_path / 'levels.npz'}: 2 levels of 1x4_1_train",
     ]
-    document = json.loads(railctl("import", *paths, "--output", tmp_path / "levels.npz", "--json"))
+    document = json.loads(railctl("import", *paths, "--output", tmp_path / "again.npz", "--json"))
     assert document["groups"] == {"1x4_1_train": 2}
     assert [(file["file"], len(file["left_out"])) for file in document["files"]] == [
         (str(paths[0]), 2),
@@ -217,11 +219,63 @@ def test_training_levels_are_exported_by_run_seed(railctl, tmp_path: Path):
         (("show", "no.npz"), 2, "does not exist"),
         (("verify", "no.npz"), 2, "does not exist"),
         (("show", "--seed", "-1"), 2, "greater than or equal to 0"),
-        (("show", "--output", "/no/where/level.png"), 1, "railctl: /no/where/level.png: No such file or directory"),
     ],
 )
 def test_wrong_usage_and_failures_say_what_and_where(railctl, arguments, code: int, text: str):
     assert text in railctl(*arguments, code=code)
+
+
+@pytest.fixture
+def nothing_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """What is refused is refused before any work, in a folder with a file of levels and two files more."""
+    monkeypatch.chdir(tmp_path)
+    files.save(Path("some.npz"), {"easy": [generate("easy", 1)]})
+    for name in ("keep.yaml", "keep.npz"):
+        Path(name).write_text("mine")
+    monkeypatch.setattr(levels, "run_task", lambda *arguments: pytest.fail(f"it works: {arguments}"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("show", "--output", "keep.yaml"), "--output keep.yaml: use a name that ends with .png"),
+        (("show", "--output", "no/a.png"), "--output no/a.png: there is no folder no: make it first"),
+        (("show", "--output", "bank.png"), "--output bank.png: it is a folder: give another name"),
+        (("export", "--output", "keep.npz"), "--output keep.npz: exists already: give another name"),
+        (("export", "--output", "bank.png"), "--output bank.png: exists already: give another name"),
+        (("export", "--output", "no/a.npz"), "--output no/a.npz: there is no folder no: make it first"),
+        (("import", "some.npz", "--output", "keep.npz"), "--output keep.npz: exists already: give another name"),
+        (("import", "some.npz", "--output", "no/a.npz"), "--output no/a.npz: there is no folder no: make it first"),
+        (("build", "--bank", "keep.npz"), "--bank keep.npz: it is no folder: give another"),
+        (("verify", "--bank", "keep.npz"), "--bank keep.npz: it is no folder: give another"),
+    ],
+)
+def test_what_is_there_stays_there(railctl, nothing_works, arguments, text: str):
+    Path("bank.png").mkdir()
+    assert railctl(*arguments, code=2) == f"railctl: {text}\n"
+    assert Path("keep.npz").read_text() == "mine"
+
+
+def test_a_bank_that_is_no_folder_is_never_verified(railctl, nothing_works, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("RAILCTL_LEVELS", "keep.npz")
+    assert railctl("verify", code=2) == "railctl: RAILCTL_LEVELS keep.npz: it is no folder: give another\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("show", "--seed", 1, "--evaluation", 2), "--seed 1: --evaluation 2 says which level: leave one out"),
+        (("show", "--group", "x"), "--group x: it is said of a file: give FILE, or use --seed or --evaluation"),
+        (("show", "--index", 0), "--index 0: it is said of a file: give FILE, or use --seed or --evaluation"),
+        (("show", "some.npz", "--level", "hard"), "--level hard: the level comes out of some.npz: leave it out"),
+        (("show", "some.npz", "--evaluation", 0), "--evaluation 0: the level comes out of some.npz: leave it out"),
+        (("show", "some.npz", "-f", "keep.yaml"), "-f keep.yaml: the level comes out of some.npz: leave it out"),
+        (("export", "some.npz", "--count", 3), "--count 3: all levels come out of some.npz: leave it out"),
+        (("export", "some.npz", "-f", "keep.yaml"), "-f keep.yaml: all levels come out of some.npz: leave it out"),
+    ],
+)
+def test_options_without_use_are_refused(railctl, nothing_works, arguments, text: str):
+    assert railctl(*arguments, code=2) == f"railctl: {text}\n"
 
 
 def test_a_file_that_lacks_the_level_is_named(railctl, tmp_path: Path):

@@ -61,6 +61,7 @@ def test_a_level_of_a_file_is_played_and_the_film_gets_a_name(tmp_path):
         (["random", "--output", "film.avi"], "--output film.avi: use a name that ends with .gif, .mp4, .png"),
         (["random", "--output", "no/film.gif"], "--output no/film.gif: there is no folder .*no: make it first"),
         (["random", "--step", 3], "--step 3: a film shows all steps: add --output NAME.png, or leave it out"),
+        (["random", "--fps", 3, "--output", "film.png"], "--fps 3.0: a picture shows one moment: leave it out"),
         (["random", "--index", 3], "--index 3: it is said of a file: add --levels FILE, or use --level and --number"),
         (["random", "--levels", "no.npz"], "--levels no.npz: no such file"),
         (["random", "--levels", "no.npz", "--level", "easy"], "--level easy: the level comes out of no.npz: leave it "),
