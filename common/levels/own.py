@@ -17,7 +17,7 @@ from railctl.common.levels.distributions import AnyLevels, FoundLevels, LevelFil
 from railctl.common.levels.files import Groups, LevelFileError
 from railctl.common.levels.level import Level
 from railctl.common.levels.reading import read
-from railctl.common.strict import ConfigError
+from railctl.common.strict import ConfigError, brief
 
 TRAINING, EVALUATION = "training", "evaluation"
 LEVELS = "levels"  # the folder of a run with its copies
@@ -186,7 +186,7 @@ def _read_all(name: str, key: str, patterns: Iterable[str], base: Path) -> tuple
     levels: dict[str, Level] = {}
     left_out = []
     for pattern in patterns:
-        paths = sorted(base.glob(pattern)) if not Path(pattern).is_absolute() else _absolute(pattern)
+        paths = _matching(f"levels.{name}.{key} {pattern}", pattern, base)
         if not paths:
             raise ConfigError(f"levels.{name}.{key} {pattern}: no such file in {base.resolve()}, where paths start")
         for path in paths:
@@ -199,9 +199,15 @@ def _read_all(name: str, key: str, patterns: Iterable[str], base: Path) -> tuple
     return list(levels.values()), left_out
 
 
-def _absolute(pattern: str) -> list[Path]:
+def _matching(field: str, pattern: str, base: Path) -> list[Path]:
     path = Path(pattern)
-    return sorted(Path(path.anchor).glob(str(path.relative_to(path.anchor))))
+    try:
+        return sorted((base / path.anchor).glob(str(path.relative_to(path.anchor))))
+    except (ValueError, IndexError, RecursionError):  # pathlib's words for a pattern that it does not take
+        raise ConfigError(f"{field}: it is no pattern: use one as levels/*.pkl, or levels/**/*.pkl") from None
+    except OSError as error:
+        where = brief(str(error.filename), 200)
+        raise ConfigError(f"{field}: {where}: {error.strerror}: use a pattern that does not lead there") from None
 
 
 def _shape(level: Level) -> tuple[Any, ...]:

@@ -88,6 +88,12 @@ def test_files_of_their_own_are_the_evaluation_and_their_rails_are_left_out(fold
     ("spec", "problem"),
     [
         ({"files": "no*.npz"}, r"levels\.mine\.files no\*\.npz: no such file"),
+        ({"files": "**.npz"}, r"levels\.mine\.files \*\*\.npz: it is no pattern: use one as levels/\*\.pkl, or "),
+        ({"files": ""}, r"levels\.mine\.files : it is no pattern: use one as "),
+        ({"files": "/"}, r"levels\.mine\.files /: it is no pattern: use one as "),
+        ({"files": "a.npz", "evaluation": "."}, r"levels\.mine\.evaluation \.: it is no pattern: use one as "),
+        ({"files": "**/" * 999}, r"levels\.mine\.files [*/]*: it is no pattern: use one as "),
+        ({"files": "a" * 300}, r"levels\.mine\.files a*: .*a\.\.\.: File name too long: use a pattern that does not "),
         ({"files": "bad.npz"}, r"levels\.mine\.files .*bad\.npz is no readable \.npz"),
         ({"files": "one.npz"}, r"1 levels on the same rails cannot be divided"),
         ({"files": "one.npz", "evaluation": "one.npz"}, "all levels lie on the rails of evaluation levels"),
