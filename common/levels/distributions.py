@@ -16,13 +16,15 @@ from railctl.common.strict import Share, Strict
 
 ANY = "any"  # what an actor serves that serves all; no name of levels
 MOST_TRAINS = 1000
+MOST_HELD_OUT = 1000
 LARGEST_SIDE = 200
+LEAST_SPEED = 0.001  # cells a step: one slower takes more steps than any episode has
 
 LEVEL_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$"
 LevelName = Annotated[str, Field(pattern=LEVEL_PATTERN)]
 Rules = Literal["legacy", "stock"]
 Side = Annotated[int, Field(ge=6, le=LARGEST_SIDE)]
-Speed = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
+Speed = Annotated[float, Field(ge=LEAST_SPEED, le=1, allow_inf_nan=False)]
 Patterns = Annotated[tuple[str, ...], Field(min_length=1)]
 
 
@@ -55,7 +57,7 @@ class GeneratedLevels(Strict):
     trains: int = Field(ge=1, le=MOST_TRAINS)
     cities: int = Field(ge=2, le=1000)  # at most
     rails_between_cities: int = Field(default=2, ge=1, le=10)  # at most
-    held_out: int = Field(default=100, ge=1, le=1000)  # evaluation levels that are kept from training
+    held_out: int = Field(default=100, ge=1, le=MOST_HELD_OUT)  # evaluation levels that are kept from training
 
     @property
     def bounds(self) -> Bounds:

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter
 
-from railctl.common.levels.distributions import AnyLevels, LevelName
+from railctl.common.levels.distributions import MOST_HELD_OUT, AnyLevels, LevelName
 from railctl.common.strict import Strict
 
 MOST_PROCESSES = 1024
@@ -33,7 +33,7 @@ class BuildRequest(Strict):
     first_seed: int = Field(ge=0, lt=2**31)
     last_seed: int = Field(ge=0, lt=2**31)
     episodes: int = Field(ge=0)
-    evaluation: int | None = Field(default=None, ge=0)
+    evaluation: int | None = Field(default=None, ge=0, le=MOST_HELD_OUT)
     processes: int = Field(ge=1, le=MOST_PROCESSES)
 
 

@@ -189,6 +189,7 @@ def test_what_is_too_long_to_be_a_name_is_said_shortly(root, arguments):
         ),
         (["levels", "build", "--seeds", "\u0661"], "--seeds '\u0661': use a number below 2**31, or two as 1-10"),
         (["levels", "build", "--seeds", "0-999999"], "--seeds 0-999999 and --episodes 1500: 10000000 training levels"),
+        (["levels", "build", "--evaluation", 1001], "evaluation: input should be less than or equal to 1000, not 1001"),
         (["levels", "build", "--processes", 2**70], "processes: input should be less than or equal to 1024, not "),
         (["levels", "show", "--seed", 2**70], f"seed: input should be less than 4294967296, not {2**70}"),
         (["levels", "export", "--count", 2**70], "count: input should be less than or equal to 500000, not "),
