@@ -16,6 +16,8 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
+from railctl.common.text import is_text
+
 Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _WORDS = {  # of pydantic, and those of who writes YAML
@@ -36,6 +38,12 @@ class ConfigError(ValueError):
     def __init__(self, text: str) -> None:
         """`text` may hold names of the user's with anything in them."""
         super().__init__("".join(each if each.isprintable() else ascii(each)[1:-1] for each in text))
+
+
+def check_is_text(folder: str, given: str) -> None:
+    """Raise ConfigError for a folder that no request and no file of ours can name; `given`: where it was said."""
+    if not is_text(folder):
+        raise ConfigError(f"{given} {folder}: its name is not UTF-8: use another folder")
 
 
 class Strict(BaseModel):

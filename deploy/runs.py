@@ -3,13 +3,13 @@
 import errno
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from railctl.common.bus import Bus, NoAnswer, open_bus
 from railctl.common.folder import RunFolder
 from railctl.common.locks import elsewhere, holder, living
-from railctl.common.strict import ConfigError, brief, nearest, shortened
+from railctl.common.strict import ConfigError, brief, check_is_text, nearest, shortened
 
 CONNECT_TIMEOUT_S = 2.0
 PRETRAINED = Path(__file__).parent / "pretrained"
@@ -20,8 +20,16 @@ class Failed(Exception):  # noqa: N818  (it ends a command)
 
 
 def runs_root() -> Path:
-    """Where runs lie: $RAILCTL_RUNS, or `runs` in the working directory."""
-    return Path(os.environ.get("RAILCTL_RUNS", "runs"))
+    """Where runs lie: $RAILCTL_RUNS, or `runs` in the working directory.
+
+    Raises:
+        ConfigError: the name of either folder is no text.
+    """
+    root = Path(os.environ.get("RAILCTL_RUNS", "runs"))
+    check_is_text(str(root), "RAILCTL_RUNS")
+    with suppress(FileNotFoundError):  # it was deleted, so nothing can be there
+        check_is_text(str(Path.cwd()), "the working directory")
+    return root
 
 
 def all_runs() -> list[RunFolder]:

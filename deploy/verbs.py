@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import typer
 from typer.core import TyperGroup
 
+from railctl.common.text import is_text
+
 NOTHING_GIVEN = re.compile(r"--[^=]*=")  # an option without its value
 
 
@@ -29,7 +31,7 @@ class Verbs(TyperGroup):
             if not word or NOTHING_GIVEN.fullmatch(word):
                 before = word[:-1] or (args[place - 1] if place else "railctl")
                 raise typer.BadParameter(f"{before:.80}: what follows is empty, give it a value", ctx=ctx)
-            if not _is_text(word):
+            if not is_text(word):
                 raise typer.BadParameter(f"{word!a:.80} is not text in UTF-8: rename it", ctx=ctx)
         return super().parse_args(ctx, args)
 
@@ -66,15 +68,6 @@ def group(text: str, verbs: Mapping[str, Verb], *, completes: bool = False) -> t
 
 def _app(**settings: Any) -> typer.Typer:
     return typer.Typer(pretty_exceptions_enable=False, **{"add_completion": False} | settings)
-
-
-def _is_text(word: str) -> bool:
-    """The system passes bytes that are no text on as lone surrogates."""
-    try:
-        word.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 def _only_named() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from railctl.common.levels.chunks import SUFFIX, Chunk
 from railctl.common.levels.level import Level
-from railctl.common.strict import ConfigError
+from railctl.common.strict import ConfigError, check_is_text
 
 
 def bank_root(runs: Path) -> Path:
@@ -20,6 +20,7 @@ def bank_root(runs: Path) -> Path:
     """
     if not (given := os.environ.get("RAILCTL_LEVELS")):
         return runs / ".levels"
+    check_is_text(given, "RAILCTL_LEVELS")
     check_bank(Path(given), f"RAILCTL_LEVELS {given}")
     return Path(given)
 

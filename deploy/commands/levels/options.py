@@ -48,10 +48,11 @@ def bank_at(given: Path | None) -> Path:
     """The bank that is given, or else the one that all runs share.
 
     Raises:
-        ConfigError: it cannot be one.
+        ConfigError: it cannot be one; or as `runs_root`, for what is asked names the working directory.
     """
+    runs = runs_root()
     if given is None:
-        return bank_root(runs_root())
+        return bank_root(runs)
     check_bank(given, f"--bank {given}")
     return given
 

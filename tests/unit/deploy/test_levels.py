@@ -261,6 +261,21 @@ def test_a_bank_that_is_no_folder_is_never_verified(railctl, nothing_works, monk
     assert railctl("verify", code=2) == "railctl: RAILCTL_LEVELS keep.npz: it is no folder: give another\n"
 
 
+@pytest.mark.parametrize("verb", ["show", "export", "build", "verify"])
+def test_a_bank_or_a_working_directory_that_is_no_text_is_refused(
+    railctl, nothing_works, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, verb: str
+):
+    monkeypatch.setenv("RAILCTL_LEVELS", "b\udcfc")
+    problem = "its name is not UTF-8: use another folder\n"
+    assert railctl(verb, code=2) == f"railctl: RAILCTL_LEVELS b\\udcfc: {problem}"
+    monkeypatch.delenv("RAILCTL_LEVELS")
+    Path("b\udcfc").mkdir()
+    monkeypatch.chdir("b\udcfc")
+    for bank in (), ("--bank", tmp_path):
+        said = railctl(verb, *bank, code=2)
+        assert said == f"railctl: the working directory {tmp_path}/b\\udcfc: {problem}"
+
+
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [

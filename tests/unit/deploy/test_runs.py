@@ -39,6 +39,24 @@ def test_runs_lie_in_the_working_directory_unless_told_otherwise(monkeypatch):
     assert str(runs_root()) == "elsewhere"
 
 
+def test_runs_do_not_lie_where_no_file_of_theirs_could_say(monkeypatch, tmp_path):
+    monkeypatch.setenv("RAILCTL_RUNS", "b\udcff")
+    with pytest.raises(ConfigError, match=r"^RAILCTL_RUNS b\\udcff: its name is not UTF-8: use another folder$"):
+        runs_root()
+    monkeypatch.setenv("RAILCTL_RUNS", str(tmp_path))
+    (tmp_path / "b\udcff").mkdir()
+    monkeypatch.chdir(tmp_path / "b\udcff")
+    with pytest.raises(ConfigError, match=r"^the working directory .*: its name is not UTF-8: use another folder$"):
+        runs_root()
+
+
+def test_who_was_left_in_a_deleted_folder_still_finds_runs(root, monkeypatch, tmp_path):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert runs_root() == root
+
+
 def test_without_runs_it_says_how_to_start_one(root):
     assert all_runs() == []
     assert complaint(None) == f"there are no runs in {root}: start one with railctl up"
