@@ -71,8 +71,11 @@ def elsewhere(folder: Folder) -> str | None:
 
 def _content(folder: Folder, name: str) -> list[str]:
     """What the holder of a name has written of itself: its pid, and where that means something."""
+    path = folder.processes / name
+    if not path.is_file():
+        return []  # opening a named pipe would wait for ever
     try:
-        with (folder.processes / name).open("r") as file:
+        with path.open("r") as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
             except BlockingIOError:

@@ -42,7 +42,7 @@ def last_rows(path: Path, record_type: type[R], count: int) -> tuple[int, list[R
     """How many whole rows a file has, and the last `count` of them; the others are only counted.
 
     Raises:
-        DamagedRows: one of the last is not a valid row.
+        DamagedRows: one of the last is not a valid row, or any is too long to be one.
     """
     lines, total = deque[bytes](maxlen=count), 0
     if path.exists():
@@ -50,6 +50,8 @@ def last_rows(path: Path, record_type: type[R], count: int) -> tuple[int, list[R
             for line in _whole_lines(file):
                 lines.append(line)
                 total += 1
+                if not line.endswith(b"\n"):
+                    row_of(path, record_type, total, line)  # else a file without an end would be counted for ever
     first = total - len(lines) + 1
     return total, [row_of(path, record_type, number, line) for number, line in enumerate(lines, start=first)]
 

@@ -34,11 +34,13 @@ def listed(folder: RunFolder) -> Listed:
     try:
         config = folder.config()
         done, recent = last_rows(folder.episodes_file, EpisodeRow, RECENT_EPISODES)
-    except (ConfigError, DamagedRows) as error:
-        return Listed(folder.path.name, "unreadable", None, [], None, None, None, None, None, changed, str(error))
+        state = state_of(folder)
+    except (ConfigError, DamagedRows, OSError) as error:
+        problem = f"{error.filename}: {error.strerror}: restore it" if isinstance(error, OSError) else str(error)
+        return Listed(folder.path.name, "unreadable", None, [], None, None, None, None, None, changed, problem)
     return Listed(
         run=folder.path.name,
-        state=state_of(folder),
+        state=state,
         algorithm=config.algorithm,
         levels=list(config.mix),
         lag=config.lag,

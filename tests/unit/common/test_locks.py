@@ -53,6 +53,14 @@ def test_nobody_lives_in_a_new_run(folder):
     assert not folder.processes.exists()  # looking leaves nothing behind
 
 
+def test_what_is_no_file_is_held_by_nobody_and_keeps_nobody_waiting(folder):
+    folder.processes.mkdir()
+    os.mkfifo(folder.processes / "supervisor")
+    (folder.processes / "learner").mkdir()
+    (folder.processes / "evaluator").symlink_to("evaluator")
+    assert (living(folder), elsewhere(folder)) == ({}, None)
+
+
 def test_a_name_is_held_for_as_long_as_the_block_lasts(folder):
     with sole(folder, "learner"):
         assert holder(folder, "learner") == os.getpid()

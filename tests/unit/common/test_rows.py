@@ -185,3 +185,5 @@ def test_a_file_without_a_line_is_not_read_to_its_end(tmp_path):
         file.truncate(1 << 42)
     with pytest.raises(DamagedRows, match="line 1 is not a valid row"):
         read_rows(path, EpisodeRow)
+    with pytest.raises(DamagedRows, match="line 1 is not a valid row"):
+        last_rows(path, EpisodeRow, 1)

@@ -83,14 +83,19 @@ def test_a_run_that_cannot_be_read_hides_no_other(root):
     folder = make(root, "broken")
     folder.config_file.write_text("xyzzy: 1\n")
     make(root, "torn").episodes_file.write_text("nonsense\n")
+    folder = make(root, "folder")
+    folder.episodes_file.unlink()
+    folder.episodes_file.mkdir()
     make(root, "whole")
     assert {name: run["state"] for name, run in listed().items()} == {
         "broken": "unreadable",
+        "folder": "unreadable",
         "torn": "unreadable",
         "whole": "stopped",
     }
     problems = [line for line in railctl("list").stdout.splitlines() if line.startswith("! ")]
-    assert [line.split(": ")[0] for line in problems] == ["! broken", "! torn"]
+    assert [line.split(": ")[0] for line in problems] == ["! broken", "! torn", "! folder"]
+    assert problems[-1] == f"! folder: {folder.episodes_file}: Is a directory: restore it"
 
 
 def test_the_newest_is_last(root):
