@@ -18,7 +18,7 @@ ANY = "any"  # what an actor serves that serves all; no name of levels
 MOST_TRAINS = 1000
 MOST_HELD_OUT = 1000
 LARGEST_SIDE = 200
-LEAST_SPEED = 0.001  # cells a step: one slower takes more steps than any episode has
+LEAST_SPEED = 0.001  # cells a step: the longest episode takes such a train a hundred cells far
 
 LEVEL_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$"
 LevelName = Annotated[str, Field(pattern=LEVEL_PATTERN)]
