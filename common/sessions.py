@@ -9,6 +9,12 @@ from railctl.common.wire.keys import ALL_ALIVE, ROOT, absolute
 from railctl.common.wire.rights import BEHIND_A_RELAY, RIGHTS, Rights
 
 LEASE_MS = 2000  # a silent peer's tokens vanish after this
+# Who sends waits so long for room for one message, then ends the link, and all that is queued is lost. Zenoh's default,
+# 5 s, is too little for who is suspended for a moment.
+WAIT_MS = 30_000
+# A router has everybody else wait meanwhile: who is far away, asks for much and reads nothing would have a whole run
+# stand still. Where it waited for longer than the lease the others were seen to lose their links as well.
+WAIT_AT_A_DOOR_MS = 1000
 NO_TIMEOUT_MS = -1
 EVERYTHING = (
     "put",
@@ -37,18 +43,18 @@ class Door:
 def client(endpoint: str, connect_timeout_s: float | None, credentials: Credentials | None) -> Plain:
     """Of a session that is linked to the router at `endpoint`, and to it again whenever the link is lost."""
     link = {} if credentials is None else _tls(credentials, "connect")
-    return {"mode": "client", "connect": _connect(endpoint, connect_timeout_s), **_common(link)}
+    return {"mode": "client", "connect": _connect(endpoint, connect_timeout_s), **_common(link, WAIT_MS)}
 
 
 def router(endpoint: str, door: Door | None) -> Plain:
     """Of a session that links all others: those of its own user at `endpoint`, and other machines at the door."""
     if door is None:
-        return {"mode": "router", "listen": _listen(endpoint), **_common({})}
+        return {"mode": "router", "listen": _listen(endpoint), **_common({}, WAIT_MS)}
     return {
         "mode": "router",
         "listen": _listen(endpoint, door.listen),
         "access_control": access_control(door.namespace),
-        **_common(_tls(door.credentials, "listen")),
+        **_common(_tls(door.credentials, "listen"), WAIT_AT_A_DOOR_MS),
     }
 
 
@@ -63,7 +69,7 @@ def relay(listen: str, host: str, credentials: Credentials) -> Plain:
         "listen": _listen(listen),
         "connect": _connect(host, None),
         "access_control": _control(trusted, BEHIND_A_RELAY, f"{ROOT}/*"),
-        **_common(_tls(credentials, "listen", "connect")),
+        **_common(_tls(credentials, "listen", "connect"), WAIT_AT_A_DOOR_MS),
     }
 
 
@@ -151,7 +157,7 @@ def _tls(credentials: Credentials, *ends: str) -> Plain:
     }
 
 
-def _common(link: Plain) -> Plain:
+def _common(link: Plain, wait_ms: int) -> Plain:
     return {
         "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "transport": {
@@ -160,8 +166,7 @@ def _common(link: Plain) -> Plain:
             "link": {
                 "tx": {
                     "lease": LEASE_MS,
-                    # The default closes the transport, and loses all that is queued, after 5 s of congestion.
-                    "queue": {"congestion_control": {"block": {"wait_before_close": 30_000_000}}},
+                    "queue": {"congestion_control": {"block": {"wait_before_close": wait_ms * 1000}}},
                 },
                 **link,
             },

@@ -1,8 +1,11 @@
 """Who may do what over a real router: its own machine everything, other machines what their certificates say."""
 
 import json
+import os
 import shutil
+import signal
 import socket
+import subprocess
 import threading
 import time
 import uuid
@@ -14,6 +17,7 @@ import zenoh
 
 from railctl.common import sessions
 from railctl.common.bus import NoAnswer, open_bus, open_relay, open_router
+from railctl.common.interpreter import PYTHON
 from railctl.common.private import private_endpoint, remove_endpoint
 from railctl.common.records.control import Empty
 from railctl.common.records.joining import RunIntroduction
@@ -28,8 +32,19 @@ PATIENCE_S = 10.0
 REFUSED_S = 1.0  # a link that is refused is tried again until then
 TOPICS = [value for value in vars(keys).values() if isinstance(value, Topic)]
 SERVICES = [value for value in vars(keys).values() if isinstance(value, Service)]
+MANY = 60
 PLACES = (("host", RIGHTS), ("relay", BEHIND_A_RELAY))
 CASES = [(place, role, rights[role]) for place, rights in PLACES for role in rights]
+
+ASKER = """
+import sys
+import zenoh
+settings, key, times = sys.argv[1:]
+session = zenoh.open(zenoh.Config.from_json5(settings))
+for _ in range(int(times)):
+    session.get(key, lambda reply: None, timeout=3600.0)
+sys.stdin.read()
+"""
 
 
 @pytest.fixture(scope="module")
@@ -287,3 +302,53 @@ def test_a_router_without_a_door_lets_nobody_else_in(folder):
     assert sessions.router("unixsock-stream//tmp/a/router", None)["listen"]["endpoints"] == [
         "unixsock-stream//tmp/a/router"
     ]
+
+
+# Links that are not read
+
+
+def test_who_asks_for_much_and_reads_nothing_holds_up_nobody_for_long(cluster, folder):
+    settings = sessions.client(cluster.address, PATIENCE_S, Credentials(folder, "reader"))
+    settings["transport"]["link"]["tx"]["lease"] = 3_600_000  # so that it is not taken for gone
+    key, questions = cluster.key(keys.PULL_CHECKPOINT), SimpleQueue()
+    command = [*PYTHON, "-c", ASKER, json.dumps(settings), key, str(MANY)]
+    with opened(sessions.client(cluster.endpoint, PATIENCE_S, None)) as other:
+        served = cluster.near.declare_queryable(key, questions.put)
+        passed(cluster, other)
+        with subprocess.Popen(command, stdin=subprocess.PIPE) as asker:
+            try:
+                asked = [questions.get(timeout=PATIENCE_S) for _ in range(MANY)]
+                asker.send_signal(signal.SIGSTOP)
+                os.waitpid(asker.pid, os.WUNTRACED)
+                threading.Thread(target=answer_all, args=(asked, over := threading.Event()), daemon=True).start()
+                assert over.wait(PATIENCE_S)
+            finally:
+                asker.kill()
+        passed(cluster, other)
+        served.undeclare()
+
+
+def answer_all(questions, over):
+    """With more than queues on the way have room for."""
+    for question in questions:
+        with question:
+            question.reply(question.key_expr, bytes(1_000_000))
+    over.set()
+
+
+def test_a_router_waits_less_where_others_than_its_user_may_link_to_it(folder):
+    keys_of = {role: Credentials(folder, role) for role in ("host", "relay", "actor")}
+    door = Door("tls/127.0.0.1:1", "railctl/1", keys_of["host"])
+    socket = "unixsock-stream//tmp/a/router"
+    short = [sessions.router(socket, door), sessions.relay("tls/127.0.0.1:2", door.listen, keys_of["relay"])]
+    long = [
+        sessions.router(socket, None),
+        sessions.client(socket, None, None),
+        sessions.client(door.listen, None, keys_of["actor"]),
+    ]
+    assert [wait_us(settings) for settings in [*short, *long]] == [1_000_000] * 2 + [30_000_000] * 3
+    assert sessions.WAIT_AT_A_DOOR_MS < sessions.LEASE_MS
+
+
+def wait_us(settings):
+    return settings["transport"]["link"]["tx"]["queue"]["congestion_control"]["block"]["wait_before_close"]
