@@ -3,8 +3,9 @@
 Whatever arrives goes into one inbox at once, and one thread decodes it and hands it to callbacks in the order of
 arrival, across topics and services: what an actor publishes before it asks is known when its question is. That thread
 is the bus's own, or that of a loop which takes from the inbox itself: a message then changes hands once less. A full
-channel would stall the whole link, so the inbox is not bounded; the leases bound the work in flight. What does
-not decode is refused: counted, logged, answered with an error.
+channel would stall the whole link, so the inbox is not bounded; the leases bound the work in flight, and of each
+service only so many questions wait: the others end without an answer. What does not decode is refused: counted, logged,
+answered with an error.
 """
 
 import json
@@ -37,6 +38,7 @@ log = logging.getLogger(__name__)
 
 STRETCH_S = 0.1
 MAX_REASON_BYTES = 1000
+MOST_QUESTIONS = 2000  # of a service that wait; more than a run has processes
 GRACE_S = 1.0  # zenoh itself ends a question at its time-out; this is for when it does not
 
 
@@ -191,10 +193,18 @@ class Bus:
         self._declared.append(self._session.declare_subscriber(self._key(topic.key), self._in_order(take)))
 
     def serve(self, service: Service[A, B], on_question: Callable[[Question[A, B]], None]) -> None:
-        """Call `on_question` with every valid question; it must be quick."""
+        """Call `on_question` with every valid question; it must be quick. Of a flood only `MOST_QUESTIONS` wait."""
         key = self._key(service.key)
+        room = threading.Semaphore(MOST_QUESTIONS)
+
+        def arrive(query: Any) -> None:
+            if room.acquire(blocking=False):
+                self._inbox.put(partial(take, query))
+            else:
+                query.drop()
 
         def take(query: Any) -> None:
+            room.release()
             try:
                 request = decode(service.request, str(query.encoding), self._body(query))
             except Refused as reason:
@@ -203,7 +213,8 @@ class Bus:
             else:
                 on_question(Question(query, service, key, request, self.traffic))
 
-        self._declared.append(self._session.declare_queryable(key, self._in_order(take), complete=True))
+        handler = zenoh.handlers.Callback(arrive, indirect=False)
+        self._declared.append(self._session.declare_queryable(key, handler, complete=True))
 
     def ask(
         self, service: Service[A, B], request: A, timeout_s: float, give_up: Callable[[], bool] = lambda: False

@@ -15,10 +15,15 @@ class Inbox:
         self._calls.put(call)
 
     def take(self, wait_s: float | None = 0.0) -> None:
-        """Make all calls that wait, the first of them after at most `wait_s`; None waits as long as it takes."""
+        """Make all calls that wait, the first of them after at most `wait_s`; None waits as long as it takes.
+
+        Those that come meanwhile wait for the next time: whoever takes has other things to do, however many come.
+        """
         try:
-            self._calls.get(block=wait_s != 0, timeout=wait_s)()
-            while True:
-                self._calls.get_nowait()()
+            call = self._calls.get(block=wait_s != 0, timeout=wait_s)
         except queue.Empty:
-            pass
+            return
+        others = self._calls.qsize()
+        call()
+        for _ in range(others):
+            self._calls.get()()

@@ -39,6 +39,7 @@ LeaseQuestion = Question[LeaseRequest, LeaseAnswer] | InlineActor
 
 TURN_S = 0.1
 HISTORY_CHUNK = 1000
+MOST_ASKED = 1000  # for history, at a time
 STORY_SHOWN = 30
 
 
@@ -189,7 +190,10 @@ class Learner:
             question.answer(CheckpointFile(episode=episode, content=content))
 
     def _on_history(self, question: Question[HistoryRequest, EpisodeRows]) -> None:
-        self._asked.append((question, time.monotonic() + HISTORY_PATIENCE_S))
+        if len(self._asked) < MOST_ASKED:
+            self._asked.append((question, time.monotonic() + HISTORY_PATIENCE_S))
+        else:
+            question.drop()
 
     def _tell_history(self) -> None:
         """To one who asks for it, between episodes: reading takes longer than some of them, and training goes on."""

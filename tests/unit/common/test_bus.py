@@ -149,6 +149,24 @@ def test_a_loop_may_take_what_arrives_from_an_inbox_of_its_own(endpoint, namespa
     assert handled == [(7, threading.current_thread())]
 
 
+def test_of_a_flood_of_questions_only_so_many_wait_and_the_others_end_at_once(endpoint, namespace, buses, monkeypatch):
+    _, talker = buses
+    monkeypatch.setattr(bus_module, "MOST_QUESTIONS", 2)
+    inbox = Inbox()
+    with open_bus(endpoint, namespace, PATIENCE_S, inbox) as listener, ThreadPoolExecutor() as pool:
+        listener.serve(ECHO, echo)
+        introduced = pool.submit(introduce, listener, talker)
+        while not introduced.done():
+            inbox.take(0.01)
+        for _ in range(2):  # there is room again for as many as have been taken
+            asked = [talker.ask_for_answers(ECHO, number(value), 60.0) for value in range(4)]
+            for flooding in asked[2:]:
+                with pytest.raises(NoAnswer, match="nobody answers"):
+                    flooding.next(60.0)
+            inbox.take()
+            assert [answers.next(PATIENCE_S).text for answers in asked[:2]] == ["0", "1"]
+
+
 def test_messages_and_bytes_are_counted_at_both_ends(buses):
     listener, talker = buses
     listener.serve(ECHO, echo)

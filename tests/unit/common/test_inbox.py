@@ -30,3 +30,18 @@ def test_a_wait_ends_with_the_first_call():
     inbox.take(wait_s=60.0)
     timer.join()
     assert made == [7]
+
+
+def test_calls_that_come_meanwhile_wait_for_the_next_time():
+    inbox, made = Inbox(), []
+
+    def call_again():
+        made.append(len(made))
+        if len(made) < 10:
+            inbox.put(call_again)
+
+    inbox.put(call_again)
+    inbox.put(call_again)
+    for expected in (2, 4):
+        inbox.take()
+        assert len(made) == expected

@@ -503,6 +503,19 @@ def test_training_waits_for_no_history(tmp_path, monkeypatch):
     cluster.learner.close()
 
 
+def test_of_a_flood_of_those_who_ask_for_history_only_so_many_wait(tmp_path, monkeypatch):
+    monkeypatch.setattr(service, "MOST_ASKED", 2)
+    cluster = Cluster(RunFolder(tmp_path), config(0))
+    questions = [Question(HistoryRequest(first=0)) for _ in range(4)]
+    for question in questions:
+        cluster.wire.served[keys.EPISODE_HISTORY](question)
+    cluster.learner.turn()
+    cluster.learner.turn()
+    assert [question.answered is not None for question in questions] == [True, True, False, False]
+    assert [question.dropped for question in questions] == [False, False, True, True]
+    cluster.learner.close()
+
+
 def test_the_metrics_of_an_episode_in_which_a_run_stopped_are_those_of_one_undisturbed(tmp_path):
     rows = []
     for name, stops in (("undisturbed", False), ("stopped", True)):
