@@ -16,7 +16,7 @@ from railctl.common.policy.flat import Arrays
 from railctl.common.process import Fatal
 from railctl.common.records.rows import EpisodeRow
 from railctl.common.rows import DamagedRows, RowFile
-from railctl.common.snapshots import check_history, episodes_of, newest_snapshot
+from railctl.common.snapshots import check_history, episodes_of, newest_snapshot, snapshots_of
 
 log = logging.getLogger(__name__)
 
@@ -89,7 +89,7 @@ class Archive:
         self.rows.sync()
         checkpoint.save(_file(self._folder.snapshots, episode), state, self._metadata(episode, version), "snapshot")
         self.snapshot, self.version = episode, version
-        for old in sorted(self._folder.snapshots.glob("*.safetensors"))[:-kept]:
+        for old in snapshots_of(self._folder)[:-kept]:
             old.unlink()
 
     def save_checkpoint(self, weights: Arrays, episode: int, version: int) -> Path:

@@ -61,6 +61,13 @@ def test_what_is_only_half_written_does_not_count(folder):
     assert newest_snapshot(folder, CONFIG)[1]["episode"] == "5"
 
 
+def test_what_a_user_keeps_beside_them_is_never_the_newest(folder):
+    save(folder, 5).rename(folder.snapshots / "best.safetensors")
+    assert newest_snapshot(folder, CONFIG) is None
+    save(folder, 3)
+    assert newest_snapshot(folder, CONFIG)[1]["episode"] == "3"
+
+
 def damage(path):
     path.write_bytes(path.read_bytes()[:-1] + b"\xff")
     return path

@@ -211,6 +211,14 @@ def test_fewer_snapshots_may_be_kept(folder):
     assert snapshots(folder) == ["00000006.safetensors"]
 
 
+def test_a_strange_file_among_the_snapshots_stays_and_counts_for_none(folder):
+    archive = trained(folder, 6, snapshots=(2,))
+    (folder.snapshots / "best.safetensors").write_bytes(b"theirs")
+    archive.save_snapshot(state(4), 4, 4)
+    archive.save_snapshot(state(6), 6, 6)
+    assert snapshots(folder) == ["00000004.safetensors", "00000006.safetensors", "best.safetensors"]
+
+
 def test_a_snapshot_counts_on_rows_that_are_on_disk(folder, monkeypatch):
     archive = trained(folder, 3)
     order = []
