@@ -28,6 +28,7 @@ from railctl.common.world import WorldSpec, chosen_levels
 
 MAX_ACTORS = 256  # of one level
 MAX_LAG = 1024
+MOST_CHECKPOINTS = 90_000  # of a run; the learner lists all it has, and `railctl checkpoint` may add some
 MAX_STALENESS = 32  # of new runs with `lag: free`
 PARTS = ("world", "learning")  # whose keys stand beside the others in files
 PATHS = {"start_from": "checkpoint", "demonstrations": "file"}  # sections of files that have a digest beside it
@@ -137,6 +138,16 @@ class RunConfig(Strict):
                     f"evaluation.levels {self.evaluation.levels}: {name} keeps only "
                     f"{levels.evaluation_levels} from training, use no more"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _checkpoints_can_be_listed(self) -> Self:
+        every = self.evaluation.every_episodes
+        if (written := -(-self.episodes // every)) > MOST_CHECKPOINTS:
+            raise ValueError(
+                f"evaluation.every_episodes {every}: {self.episodes} episodes would have {written} checkpoints, and a "
+                f"run has {MOST_CHECKPOINTS} at most, make it {-(-self.episodes // MOST_CHECKPOINTS)}"
+            )
         return self
 
     @model_validator(mode="after")

@@ -4,11 +4,13 @@ from pydantic import Field
 
 from railctl.common.records.base import Count, Record
 
+MOST_LISTED = 100_000
+
 
 class CheckpointNotice(Record):
     """The learner has written the checkpoints after these numbers of episodes; `finished`: no more will come."""
 
-    episodes: list[Count] = Field(max_length=100_000)
+    episodes: list[Count] = Field(max_length=MOST_LISTED)
     finished: bool
 
 

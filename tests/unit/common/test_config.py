@@ -8,9 +8,10 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from railctl.common.config import parse_config, upgraded
+from railctl.common.config import MOST_CHECKPOINTS, parse_config, upgraded
 from railctl.common.levels.distributions import shipped
 from railctl.common.rail.observations.table import TreeObservation
+from railctl.common.records.checkpoints import MOST_LISTED
 from railctl.common.rules.policies import ActorCriticConfig
 from railctl.common.rules.replay import PrioritizedReplay, UniformReplay
 from railctl.common.rules.values import ExplorationConfig
@@ -322,6 +323,17 @@ def test_no_more_evaluation_levels_than_are_kept_from_training():
     assert complaint(plain(changes | {"evaluation.levels": 61})) == (
         "evaluation.levels 61: rush keeps only 60 from training, use no more"
     )
+
+
+def test_a_run_has_no_more_checkpoints_than_can_be_listed():
+    assert complaint(plain({"episodes": 10_000_000, "evaluation.every_episodes": 1})) == (
+        "evaluation.every_episodes 1: 10000000 episodes would have 10000000 checkpoints, and a run has 90000 at most, "
+        "make it 112"
+    )
+    assert parse_config(plain({"episodes": 10_000_000, "evaluation.every_episodes": 112})).episodes == 10_000_000
+    assert complaint(plain({"episodes": 180_001, "evaluation.every_episodes": 2})).endswith("at most, make it 3")
+    assert parse_config(plain({"episodes": 180_000, "evaluation.every_episodes": 2})).evaluation.every_episodes == 2
+    assert MOST_CHECKPOINTS < MOST_LISTED
 
 
 # Configurations of earlier versions
