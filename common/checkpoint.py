@@ -10,7 +10,6 @@ and copy a snapshot's hundred megabytes several times.
 
 import hashlib
 import json
-import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError
 
 from railctl.common.bounded import open_at_once, read_bounded
+from railctl.common.whole import write_whole
 
 FORMAT = "1"  # 1: the first
 Kind = Literal["checkpoint", "snapshot"]  # weights to act with; everything that a learner goes on from
@@ -44,22 +44,7 @@ def save(path: Path, tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str,
         ValueError: as `to_bytes`.
         OSError: the disk refused; a file that was there is as it was.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")  # same folder: a rename cannot cross disks
-    try:
-        with temporary.open("wb") as file:
-            for part in _parts(tensors, metadata, kind):
-                file.write(part)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(folder)  # or the rename itself may be lost with the power
-    finally:
-        os.close(folder)
+    write_whole(path, *_parts(tensors, metadata, kind))
 
 
 def load(path: Path, kind: Kind) -> tuple[Tensors, Metadata]:

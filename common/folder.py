@@ -1,6 +1,5 @@
 """Where everything of a run lies."""
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -16,6 +15,7 @@ from railctl.common.rules.settings import DEMONSTRATIONS_FILE, START_FILE
 from railctl.common.sessions import Door
 from railctl.common.strict import ConfigError, Strict
 from railctl.common.tls import Credentials
+from railctl.common.whole import write_whole
 
 Word = Annotated[str, Field(pattern=r"^\S+$", max_length=200)]
 
@@ -175,7 +175,5 @@ class RunFolder:
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
-    """Replace a file in one step, so that nobody ever reads half of it."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_bytes(content.encode() if isinstance(content, str) else content)
-    temporary.replace(path)
+    """Replace a file in one step, so that nobody ever reads half of it, whatever ends: a process, or the power."""
+    write_whole(path, content.encode() if isinstance(content, str) else content)

@@ -17,7 +17,7 @@ import numpy as np
 from railctl.common.bounded import parse_json
 from railctl.common.levels.distributions import Generated, shipped
 from railctl.common.levels.level import Level, Malfunctions, Schedule
-from railctl.common.levels.whole import write_whole
+from railctl.common.whole import write_whole
 
 SUFFIX = ".levels"
 HEADER_BYTES = 256

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from railctl.common.bounded import open_at_once
 from railctl.common.levels.level import MOST_STEPS, Level, Malfunctions, Schedule
 from railctl.common.levels.speeds import LARGEST_UNIT
-from railctl.common.levels.whole import write_whole
+from railctl.common.whole import write_whole
 
 GRID, AGENTS, MAX_STEPS = "_levels_grid", "_levels_agents", "_levels_max_steps"
 SCHEDULED, MALFUNCTIONS = "_levels_scheduled", "_levels_malfunctions"

@@ -24,8 +24,8 @@ from railctl.common.levels.bank import LevelBank
 from railctl.common.levels.chunks import KINDS, key_of
 from railctl.common.levels.distributions import AnyLevels, Generated, LevelFiles, shipped
 from railctl.common.levels.level import Level
-from railctl.common.levels.whole import write_whole
 from railctl.common.seeding import EVALUATION_BIT, evaluation_level_seed, stream_key
+from railctl.common.whole import write_whole
 
 HELD_OUT_LEVELS = 1000  # of each that ships: as many as the final evaluation of the study plays
 TRIES = 512  # one in five fails where there are many maps, nine in ten on the smallest grids

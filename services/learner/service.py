@@ -335,6 +335,7 @@ class Learner:
         memory = Memory(older, self._settled, self._desk.opened.fragments, self._telemetry.noted())
         kept = 1 if ledger.finished else KEPT_SNAPSHOTS
         state = self._trainer.state() | memory.tensors()
+        self._telemetry.sync()  # what is in a snapshot is not told again
         self._archive.save_snapshot(state, ledger.trained, ledger.version, kept)
         self._desk.safe_before = ledger.trained
 

@@ -89,6 +89,10 @@ class Telemetry:
         self._rows.append(MetricRow(episode=episode, metrics={name: round(v, 7) for name, v in metrics.items()}))
         self._events.add(episode, metrics)
 
+    def sync(self) -> None:
+        """Return when all rows are on disk."""
+        self._rows.sync()
+
     def close(self) -> None:
         """Close the files."""
         self._rows.close()

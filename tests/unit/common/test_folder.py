@@ -117,6 +117,20 @@ def test_a_file_is_replaced_in_one_step(tmp_path, monkeypatch):
     assert path.read_text() == "two"
 
 
+def test_a_file_that_is_replaced_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
+    path, synced = tmp_path / "config.yaml", []
+
+    def note(number):
+        synced.append((Path(f"/proc/self/fd/{number}").readlink().parent, os.fstat(number).st_size, path.exists()))
+
+    monkeypatch.setattr(os, "fsync", note)
+    write_atomically(path, "seed: 1")
+    file, folder = synced
+    assert file == (tmp_path, 7, False)
+    assert folder[0] == tmp_path.parent  # it is the folder itself
+    assert folder[2]
+
+
 @pytest.mark.parametrize(
     "text",
     [

@@ -1,7 +1,9 @@
 """A learner that goes on from a snapshot can still hand out all that its leases name."""
 
 import gc
+import os
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -533,6 +535,18 @@ def test_the_metrics_of_an_episode_in_which_a_run_stopped_are_those_of_one_undis
         rows.append([told(row.metrics) for row in read_rows(folder.metrics_file, MetricRow)])
     assert rows[0] == rows[1]
     assert [row["fragments"] for row in rows[0]] == [3, 3]
+
+
+def test_the_metrics_of_what_is_in_a_snapshot_are_on_disk_before_it(tmp_path, monkeypatch):
+    folder, synced = RunFolder(tmp_path), []
+    cluster = Cluster(folder, config(0))
+    cluster.come("one")
+    cluster.bring(acted(cluster.lease("one")))
+    monkeypatch.setattr(os, "fsync", lambda number: synced.append(Path(f"/proc/self/fd/{number}").readlink()))
+    cluster.save()
+    cluster.learner.close()
+    [snapshot] = [number for number, path in enumerate(synced) if path == folder.snapshots]
+    assert folder.metrics_file in synced[:snapshot]
 
 
 def told(metrics):
