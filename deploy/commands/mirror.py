@@ -36,7 +36,8 @@ def mirror(
         raise ConfigError(
             f"--mlflow {mlflow}: a store in memory ends with this command: name a file, as sqlite:///runs.db"
         )
-    if mlflow.startswith("file:") or "://" not in mlflow:  # MLflow would answer with a paragraph
+    is_place = "://" in mlflow or mlflow == "databricks"
+    if mlflow.startswith("file:") or not is_place:  # MLflow would answer with a paragraph
         raise ConfigError(f"--mlflow {mlflow}: MLflow keeps runs in folders no more: name a file, as sqlite:///runs.db")
     if mlflow.startswith(FILE):  # MLflow would make folders, or try again for minutes
         store = Path(mlflow.removeprefix(FILE)).absolute()

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import partial
 
 from railctl.common.config import RunConfig
-from railctl.common.levels.distributions import AnyLevels, LevelFiles
 from railctl.common.policy.player import n_state_of
 from railctl.common.seeding import training_distribution, training_level_seed
 
@@ -18,7 +17,7 @@ class Schedule:
         levels: the name of the level distribution, for each episode.
         level_seed: of an episode.
         epsilon: the share of random actions in an episode; 0 for policies, which explore by what they are.
-        trains: how many a level may have, by the name of its distribution.
+        trains: how many a level has at most, by the name of its distribution.
         lag: how many episodes more than one may be under way at a time.
         free: they act with the newest weights, and not with those that the lag names.
         fragment_steps: leases end where the steps of the run are multiples of it; None: they cover whole episodes.
@@ -30,7 +29,7 @@ class Schedule:
     levels: Sequence[str]
     level_seed: Callable[[int], int]
     epsilon: Callable[[int], float]
-    trains: Mapping[str, range]
+    trains: Mapping[str, int]
     lag: int = 0
     free: bool = False
     fragment_steps: int | None = None
@@ -45,7 +44,7 @@ class Schedule:
             levels=drawn_levels({str(name): share for name, share in config.mix.items()}, config.episodes, config.seed),
             level_seed=partial(training_level_seed, config.seed),
             epsilon=partial(_epsilon, config),
-            trains={name: _trains(levels) for name, levels in config.world.levels.items()},
+            trains={name: levels.bounds.trains for name, levels in config.world.levels.items()},
             lag=config.most_ahead,
             free=config.is_free,
             fragment_steps=config.learning.steps_a_fragment,
@@ -57,12 +56,6 @@ class Schedule:
 
 def _epsilon(config: RunConfig, episode: int) -> float:
     return config.learning.epsilon(episode, config.episodes)
-
-
-def _trains(levels: AnyLevels) -> range:
-    """A generator makes as many trains as it is told; of files it is known how many a level has at most."""
-    most = levels.bounds.trains
-    return range(1 if isinstance(levels, LevelFiles) else most, most + 1)
 
 
 def drawn_levels(mix: Mapping[str, float], episodes: int, seed: int) -> Sequence[str]:

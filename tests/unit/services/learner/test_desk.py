@@ -13,7 +13,7 @@ NOW = 100.0
 
 def schedule(levels=("easy",) * 4, **changes):
     fields = {"level_seed": lambda episode: 1000 + episode, "epsilon": lambda episode: 1 / (1 + episode)}
-    return Schedule(**{"levels": levels, "trains": dict.fromkeys(levels, range(1, 2))} | fields | changes)
+    return Schedule(**{"levels": levels, "trains": dict.fromkeys(levels, 1)} | fields | changes)
 
 
 def desk(*actors, start=None, **changes):
@@ -195,7 +195,7 @@ def test_actors_get_only_what_they_serve():
         ({"epsilon": 0.5}, "epsilon is 0.5, its lease says 1.0"),
         ({"observations": np.zeros((2, 3), np.float32)}, "observations have 3 features, the network takes 1"),
         ({"following": np.zeros((2, 1), np.float32)}, "observations a step later have 1 features, this run notes 0"),
-        ({"states": np.zeros((2, 0), np.float32)}, "there are 2 trains, its level has 1..1"),
+        ({"states": np.zeros((2, 0), np.float32)}, "there are 2 trains, its level has 1 at most"),
         ({"states": np.zeros((1, 6), np.float32)}, "trains carry 6 numbers along, in this run 0"),
         ({"times": np.zeros(2, np.int32)}, "episode 0: decisions are not in the order of (time, train)"),
         ({"arrived_at": np.zeros(1, np.int32)}, "episode 0: a train decides after its arrival"),
@@ -308,6 +308,14 @@ def test_what_was_taken_back_cannot_be_held_again_by_who_says_that_it_keeps_it()
     assert first.unit == (0, 0)
     assert missing(made, "a", [(0, 0), (1, 0)]) == []
     assert made.ledger.lessee((1, 0)) is None
+
+
+def test_nobody_loses_a_lease_to_who_does_not_live():
+    made = desk("a")
+    first = lease(made, "a")
+    assert idle(made, "b", NOW) is None
+    assert idle(made, "b", NOW + LEASE_S + 1) is None
+    assert made.arrive(answer_to(first, actor="a")) is None
 
 
 def test_what_is_trained_is_forgotten():

@@ -37,11 +37,11 @@ def test_what_leases_say_follows_from_the_configuration():
 
 def test_a_run_knows_what_its_trains_are():
     study = Schedule.of(resolve({"algorithm": "drqn", "level": "medium", "network": {"hidden": [16, 8]}}))
-    assert (study.trains["medium"], study.n_state) == (range(5, 6), 32)
+    assert (study.trains["medium"], study.n_state) == (5, 32)
     found = {"digest": "0" * 16, "size": [30, 30], "trains": 4, "training": 9, "evaluation": 50}
     own = {"mine": {"files": "mine/*.pkl", "found": found}}
     files = Schedule.of(parse_config(config({"easy": 1}).plain() | {"levels": own, "mix": {"mine": 1}}))
-    assert (files.trains["mine"], files.n_state) == (range(1, 5), 0)
+    assert (files.trains["mine"], files.n_state) == (4, 0)
 
 
 def test_a_run_of_one_difficulty_has_only_that():
