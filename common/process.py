@@ -78,6 +78,7 @@ class HeartbeatPublisher:
         self._role = role
         self._topic = topic
         self._next = 0.0
+        self._state = STARTING
         self._last_report: Report | None = None
 
     def beat(self, state: str, report: Callable[[], Report | None] = lambda: None, *, now: bool = False) -> None:
@@ -89,8 +90,13 @@ class HeartbeatPublisher:
         if not now and time.monotonic() < self._next:
             return
         check_there(self._lock)
-        self._last_report = report()
+        self._state, self._last_report = state, report()
         self._publish(state)
+
+    def beat_on(self) -> None:
+        """Say the same as last time: of who is at one thing for long, and gets on with it."""
+        if time.monotonic() >= self._next:
+            self._publish(self._state)
 
     @contextmanager
     def while_compiling(self, _function: str) -> Iterator[None]:

@@ -3,7 +3,7 @@
 import os
 from array import array
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
 from typing import IO, Generic, TypeVar
@@ -63,13 +63,18 @@ class RowFile(Generic[R]):
         count: how many rows there are.
     """
 
-    def __init__(self, path: Path, record_type: type[R]) -> None:
+    def __init__(self, path: Path, record_type: type[R], on_row: Callable[[], object] = lambda: None) -> None:
         """Open the file and cut off a torn last line.
+
+        Args:
+            path: of the file; it is made if it is not there.
+            record_type: what its rows are.
+            on_row: is called for every row that is read, now and later: a million take minutes.
 
         Raises:
             DamagedRows: as `read_rows`.
         """
-        self._path, self._record_type = path, record_type
+        self._path, self._record_type, self._on_row = path, record_type, on_row
         self.count = 0
         self._places, self._end = array("q"), 0
         path.touch()
@@ -77,6 +82,7 @@ class RowFile(Generic[R]):
             for line in _whole_lines(file):
                 row_of(path, record_type, self.count + 1, line)
                 self._count(line)
+                on_row()
         self._file = path.open("ab")
         self._file.truncate(self._end)
 
@@ -95,6 +101,7 @@ class RowFile(Generic[R]):
         with self._path.open("rb") as file:
             self._go_to(first, file)
             for number, line in enumerate(islice(file, end - first), start=first + 1):
+                self._on_row()
                 yield row_of(self._path, self._record_type, number, line)
 
     def cut(self, count: int) -> list[R]:

@@ -147,8 +147,7 @@ class Processes(ABC):
         for happening in (*changes(before, beat), *self._damaged.new()):
             self._events.write(happening)
         self._beats[beat.process] = (beat, time.time())
-        if beat.state != STARTING:
-            self._handle(Beat(beat.process))
+        self._handle(Beat(beat.process, starts=beat.state == STARTING))
 
     def _handle(self, event: Event) -> None:
         orders = self._mind.on(event, time.monotonic())

@@ -50,6 +50,7 @@ class Tick:
 @dataclass(frozen=True)
 class Beat:
     process: str
+    starts: bool = False  # and says that it gets on with it
 
 
 @dataclass(frozen=True)
@@ -151,7 +152,7 @@ class Supervisor:
             case Tick():
                 return self._on_tick(event.connected, now)
             case Beat():
-                return self._on_beat(event.process, now)
+                return self._on_beat(event, now)
             case Exited():
                 return self._on_exited(event, now)
             case Adopted():
@@ -210,10 +211,12 @@ class Supervisor:
         ward.state, ward.since, ward.last_sign = "starting", now, now
         return Launch(ward.spec)
 
-    def _on_beat(self, process: str, now: float) -> list[Order]:
-        if ward := self.wards.get(process):
-            self._learner_came |= ward.spec.role == "learner"
+    def _on_beat(self, beat: Beat, now: float) -> list[Order]:
+        if ward := self.wards.get(beat.process):
             ward.last_sign = now
+            if beat.starts:
+                return []
+            self._learner_came |= ward.spec.role == "learner"
             if ward.state == "starting":
                 ward.state, ward.since = "running", now
         return []

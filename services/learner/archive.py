@@ -3,6 +3,7 @@
 import json
 import logging
 import platform
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,8 @@ KEPT_SNAPSHOTS = 2
 class Archive:
     """The learner's files. Rows are on disk before the snapshot that counts on them."""
 
-    def __init__(self, folder: RunFolder, config: RunConfig) -> None:
+    def __init__(self, folder: RunFolder, config: RunConfig, on_row: Callable[[], object] = lambda: None) -> None:
+        """`on_row` is that of `RowFile`."""
         self._folder = folder
         self._config = config
         self._science = json.dumps(config.science, sort_keys=True)
@@ -38,7 +40,7 @@ class Archive:
             for half_written in kept.glob(".*.tmp"):  # by a learner that was killed
                 half_written.unlink()
         try:
-            self.rows = RowFile(folder.episodes_file, EpisodeRow)
+            self.rows = RowFile(folder.episodes_file, EpisodeRow, on_row)
         except DamagedRows as error:
             raise Fatal(str(error)) from None
         self.snapshot = 0  # episodes in the newest snapshot

@@ -51,7 +51,8 @@ class Learner:
         self._context = context
         self._inbox = inbox
         self._config = context.config
-        self._archive = Archive(context.folder, context.config)
+        beat_on = context.heartbeat.beat_on
+        self._archive = Archive(context.folder, context.config, beat_on)
         snapshot = self._archive.resume()
         try:
             start = start_of(context.folder, self._config)
@@ -74,7 +75,7 @@ class Learner:
         self._actors: set[str] = set()  # the incarnations of those that live
         self._inline: InlineActor | None = None  # made when it is needed
         self._acts = False
-        self._telemetry = Telemetry(context.folder, self._archive.snapshot, context.bus.traffic, memory.noted)
+        self._telemetry = Telemetry(context.folder, self._archive.snapshot, context.bus.traffic, memory.noted, beat_on)
         self._ended: OpenEpisode | None = None  # trained, but its row and files are still due
         self._paused = context.folder.paused_file.exists()
 

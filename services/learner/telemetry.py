@@ -6,7 +6,7 @@ Times are wall-clock seconds of an episode: `acting_s` and `actor_waited_s` (for
 """
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -26,7 +26,14 @@ SUMS = ("updates", "transitions", "learning_s", "publishing_s", "learner_waited_
 class Telemetry:
     """The metrics of a run, from its newest snapshot on."""
 
-    def __init__(self, folder: RunFolder, episodes: int, traffic: Traffic, noted: Noted | None = None) -> None:
+    def __init__(
+        self,
+        folder: RunFolder,
+        episodes: int,
+        traffic: Traffic,
+        noted: Noted | None = None,
+        on_row: Callable[[], object] = lambda: None,
+    ) -> None:
         """Open the files and forget the rows of episodes from number `episodes` on: they are trained again.
 
         Args:
@@ -34,12 +41,13 @@ class Telemetry:
             episodes: how many are in its newest snapshot.
             traffic: the learner's, counted on elsewhere.
             noted: of the episode that is open in the snapshot, as `noted` gave it then.
+            on_row: that of `RowFile`.
 
         Raises:
             Fatal: the row file is damaged.
         """
         try:
-            self._rows = RowFile(folder.metrics_file, MetricRow)
+            self._rows = RowFile(folder.metrics_file, MetricRow, on_row)
         except DamagedRows as error:
             raise Fatal(str(error)) from None
         self._rows.cut(sum(row.episode < episodes for row in self._rows.read()))

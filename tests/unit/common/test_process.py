@@ -26,6 +26,7 @@ from railctl.common.private import private_endpoint, remove_endpoint
 from railctl.common.process import (
     EXIT_FATAL,
     EXIT_RUNS_ALREADY,
+    STARTING,
     Fatal,
     HeartbeatPublisher,
     Stopping,
@@ -194,6 +195,19 @@ def test_a_heart_beats_while_its_process_compiles(monkeypatch, lock):
     assert published.qsize() == compiled
     with compiling("another"):
         assert not any("compiling" in thread.name for thread in threading.enumerate())  # nobody asked for it any more
+
+
+def test_who_is_at_one_thing_for_long_says_the_same_again_once_a_second(monkeypatch, lock):
+    published, report = Published(), ActorReport(acted=3, kept=1)
+    heartbeat = HeartbeatPublisher(published, lock, "actor")
+    heartbeat.beat_on()
+    heartbeat.beat_on()
+    monkeypatch.setattr(process, "HEARTBEAT_EVERY_S", 0.0)
+    heartbeat.beat("acting", lambda: report, now=True)
+    heartbeat.beat_on()
+    beats = [published.get(timeout=PATIENCE_S) for _ in range(3)]
+    assert published.empty()
+    assert [(beat.state, beat.report) for beat in beats] == [(STARTING, None), *[("acting", report)] * 2]
 
 
 def test_a_heart_stops_when_compiling_hangs(monkeypatch, lock):

@@ -135,6 +135,15 @@ def test_cutting_returns_what_it_cuts_off_and_the_file_goes_on(tmp_path):
     file.close()
 
 
+def test_whoever_waits_hears_of_each_row_that_is_read(tmp_path):
+    heard = []
+    file = RowFile(written(tmp_path / "rows.jsonl", 5), EpisodeRow, lambda: heard.append(None))
+    assert len(heard) == 5
+    assert len(list(file.read(3))) == 2
+    assert len(heard) == 7
+    file.close()
+
+
 def test_rows_are_on_disk_when_sync_returns(tmp_path, monkeypatch):
     synced = []
     monkeypatch.setattr(os, "fsync", lambda number: synced.append(os.fstat(number).st_size))

@@ -8,7 +8,9 @@ import pytest
 
 from railctl.common.folder import RunFolder
 from railctl.common.levels.own import own_copy
+from railctl.common.process import STARTING
 from railctl.common.records.control import Empty, ScaleRequest
+from railctl.common.records.heartbeats import Heartbeat
 from railctl.common.records.joining import LevelsRequest
 from railctl.deploy import processes, supervise
 from railctl.deploy.launch import new_run, write_cluster_file
@@ -49,6 +51,17 @@ def test_a_run_introduces_itself_with_all_that_others_need(runner, tmp_path):
     folder = RunFolder(tmp_path / "runs" / "one")
     assert (question.answered.name, question.answered.namespace) == ("one", folder.endpoint_and_namespace()[1])
     assert question.answered.config == folder.config_file.read_text()
+
+
+def test_a_process_that_is_heard_before_it_runs_lives_and_starts_still(runner):
+    runner._mind.on(Tick(connected=False), 0.0)
+    runner._pids["learner"] = 7
+    ward = runner._mind.wards["learner"]
+    for state, then in ((STARTING, "starting"), ("training", "running")):
+        ward.last_sign = 0.0
+        runner._on_beat(Heartbeat(process="learner", role="learner", pid=7, state=state, report=None))
+        assert ward.state == then
+        assert ward.last_sign > 0.0
 
 
 def test_the_copy_of_level_files_is_sent_whole(runner, tmp_path):

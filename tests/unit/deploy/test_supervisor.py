@@ -84,6 +84,14 @@ def test_the_evaluator_starts_when_the_learner_has_come(event):
     assert launched(mind.on(HERE, 2.0)) == ["evaluator"]
 
 
+def test_a_learner_that_is_about_to_come_has_not_come():
+    mind = supervisor()
+    mind.on(HERE, 0.0)
+    mind.on(Beat("learner", starts=True), 1.0)
+    assert states(mind)["learner"] == "starting"
+    assert mind.on(HERE, 1.0) == []
+
+
 def test_an_evaluator_that_died_starts_again_whatever_the_learner_does():
     mind = running()
     mind.on(died("learner"), 1.0)
@@ -245,6 +253,15 @@ def test_a_process_that_starts_has_more_patience():
     assert mind.on(HERE, START_PATIENCE_S) == []
     keep_alive(mind, START_PATIENCE_S, but=["learner"])
     assert mind.on(HERE, START_PATIENCE_S + 0.1) == [Kill("learner")]
+
+
+def test_a_process_that_starts_and_says_that_it_gets_on_has_as_much_patience_again():
+    mind = supervisor()
+    mind.on(HERE, 0.0)
+    mind.on(Beat("learner", starts=True), START_PATIENCE_S)
+    keep_alive(mind, 2 * START_PATIENCE_S, but=["learner", "evaluator"])
+    assert Kill("learner") not in mind.on(HERE, 2 * START_PATIENCE_S)
+    assert Kill("learner") in mind.on(HERE, 2 * START_PATIENCE_S + 0.1)
 
 
 def test_a_process_that_starts_has_no_less_patience_than_one_that_runs():

@@ -83,13 +83,17 @@ class Cluster:
         self.wire = Wire()
         stopping = SimpleNamespace(asked=False)
         self.folder = folder
-        heartbeat = SimpleNamespace(beat=self.on_beat)
+        self.beats_while_reading = 0
+        heartbeat = SimpleNamespace(beat=self.on_beat, beat_on=self.on_beat_on)
         context = SimpleNamespace(folder=folder, config=config, bus=self.wire, heartbeat=heartbeat, stopping=stopping)
         self.learner = Learner(context, self.wire.inbox)
         self.learner.open()
 
     def on_beat(self, _state, report, **_options):
         self.report = report()
+
+    def on_beat_on(self):
+        self.beats_while_reading += 1
 
     def come(self, *incarnations):
         for incarnation in incarnations:
@@ -535,6 +539,20 @@ def test_the_metrics_of_an_episode_in_which_a_run_stopped_are_those_of_one_undis
         rows.append([told(row.metrics) for row in read_rows(folder.metrics_file, MetricRow)])
     assert rows[0] == rows[1]
     assert [row["fragments"] for row in rows[0]] == [3, 3]
+
+
+def test_a_learner_says_that_it_lives_while_it_reads_what_it_has(tmp_path):
+    """Of millions of episodes, of which its supervisor would think that it hangs."""
+    before = Cluster(RunFolder(tmp_path), config(0))
+    before.come("one")
+    for _ in range(5):
+        before.bring(acted(before.lease("one")))
+    before.save()
+    before.learner.close()
+    after = Cluster(RunFolder(tmp_path), config(0))
+    after.learner.close()
+    times_read = {"episodes": 3, "metrics": 2}
+    assert after.beats_while_reading == 5 * sum(times_read.values())
 
 
 def test_the_metrics_of_what_is_in_a_snapshot_are_on_disk_before_it(tmp_path, monkeypatch):
