@@ -292,7 +292,8 @@ def test_checkpoints_are_listed_up_to_what_is_trained_and_come_byte_for_byte(fol
     archive = trained(folder, 0)
     assert archive.checkpoint_content(10) is None
     for episode in (10, 5, 20):
-        path = archive.save_checkpoint(state(episode), episode, 7 * episode)
+        weights = {"weights": np.full(3, episode, np.float32)}
+        path = archive.save_checkpoint(weights, episode, 7 * episode)
         assert archive.checkpoint_content(episode) == path.read_bytes()
     assert archive.checkpoints(20) == [5, 10, 20]
     assert archive.checkpoints(19) == [5, 10]
