@@ -20,7 +20,7 @@ from railctl.common.levels.own import own_copy
 from railctl.common.locks import sole
 from railctl.common.process import Stopping
 from railctl.common.records.heartbeats import Heartbeat
-from railctl.common.records.joining import LevelsRequest, RunIntroduction
+from railctl.common.records.joining import LevelPartRequest, RunIntroduction
 from railctl.common.strict import ConfigError, nearest
 from railctl.common.tls import Credentials
 from railctl.common.wire import keys
@@ -182,7 +182,13 @@ def _pull_levels(folder: RunFolder, config: RunConfig, bus: Bus) -> None:
         if isinstance(levels, LevelFiles):
             copy = own_copy(folder.path, name)
             copy.parent.mkdir(exist_ok=True)
-            copy.write_bytes(bus.ask(keys.PULL_LEVELS, LevelsRequest(level=name), PULL_TIMEOUT_S).content)
+            with copy.open("wb") as file:
+                while True:
+                    request = LevelPartRequest(level=name, first=file.tell())
+                    part = bus.ask(keys.PULL_LEVELS, request, PULL_TIMEOUT_S)
+                    file.write(part.content)
+                    if not part.content or file.tell() >= part.total:
+                        break
 
 
 def host_for(counts: Mapping[str, int]) -> str:

@@ -16,7 +16,7 @@ from railctl.common.locks import sole
 from railctl.common.private import remove_endpoint
 from railctl.common.process import Stopping, run_service
 from railctl.common.records.control import CommandAnswer, Empty, ScaleRequest, Status
-from railctl.common.records.joining import MOST_LEVEL_BYTES, LevelFileCopy, LevelsRequest, RunIntroduction
+from railctl.common.records.joining import PART_BYTES, LevelPart, LevelPartRequest, RunIntroduction
 from railctl.common.records.rows import EpisodeRow
 from railctl.common.rows import DamagedRows, each_row
 from railctl.common.wire import keys
@@ -88,16 +88,16 @@ class Runner(Processes):
             )
         )
 
-    def _on_pull_levels(self, question: Question[LevelsRequest, LevelFileCopy]) -> None:
+    def _on_pull_levels(self, question: Question[LevelPartRequest, LevelPart]) -> None:
         path = own_copy(self._folder.path, question.request.level)
         try:
-            size = path.stat().st_size
-            if size > MOST_LEVEL_BYTES:
-                question.refuse(f"{path.name} has {size} bytes, and {MOST_LEVEL_BYTES} is the most that is sent")
-            else:
-                question.answer(LevelFileCopy(content=path.read_bytes()))
+            with path.open("rb") as file:
+                file.seek(question.request.first)
+                part = LevelPart(content=file.read(PART_BYTES), total=path.stat().st_size)
         except OSError as error:
             question.refuse(f"{path.name}: {error.strerror}")
+        else:
+            question.answer(part)
 
     def _on_status(self, question: Question[Empty, Status]) -> None:
         question.answer(self.status())

@@ -50,7 +50,7 @@ STATUS = Service("command/status", control.Empty, control.Status)
 SCALE = Service("command/scale", control.ScaleRequest, control.CommandAnswer)
 STOP = Service("command/stop", control.Empty, control.CommandAnswer)
 RUN = Service(f"{ROOT}/run", control.Empty, joining.RunIntroduction)
-PULL_LEVELS = Service("pull/levels", joining.LevelsRequest, joining.LevelFileCopy)
+PULL_LEVELS = Service("pull/levels", joining.LevelPartRequest, joining.LevelPart)
 
 ALL_ALIVE = "alive/*/*/*"
 

@@ -21,7 +21,7 @@ from railctl.common.levels.own import own_copy
 from railctl.common.private import private_endpoint, remove_endpoint
 from railctl.common.process import Stopping
 from railctl.common.records.heartbeats import Heartbeat
-from railctl.common.records.joining import LevelFileCopy, RunIntroduction
+from railctl.common.records.joining import LevelPart, RunIntroduction
 from railctl.common.sessions import Door
 from railctl.common.task import FAILED, WRONG_USAGE
 from railctl.common.tls import Credentials
@@ -172,19 +172,29 @@ def test_the_name_of_an_actor_is_one_however_long_those_of_machine_and_level_are
 # What a run brings
 
 
-def test_level_files_come_from_the_run_and_nothing_else_is_asked_for(tmp_path):
+def test_level_files_come_from_the_run_in_parts_and_nothing_else_is_asked_for(tmp_path):
     asked = []
 
     class Bus:
         def ask(self, service, request, _timeout_s):
-            asked.append((service, request.level))
-            return LevelFileCopy(content=b"levels")
+            asked.append((service, request.level, request.first))
+            return LevelPart(content=b"levels"[request.first :][:4], total=6)
 
     levels = {"mine": LevelFiles(files=("a.npz",)), "easy": resolve({}).world.levels["easy"]}
     folder = RunFolder(tmp_path)
     join._pull_levels(folder, SimpleNamespace(world=SimpleNamespace(levels=levels)), Bus())
-    assert asked == [(keys.PULL_LEVELS, "mine")]
+    assert asked == [(keys.PULL_LEVELS, "mine", 0), (keys.PULL_LEVELS, "mine", 4)]
     assert own_copy(tmp_path, "mine").read_bytes() == b"levels"
+
+
+def test_level_files_that_shrink_meanwhile_are_waited_for_no_longer(tmp_path):
+    class Bus:
+        def ask(self, _service, request, _timeout_s):
+            return LevelPart(content=b"leve"[request.first :], total=6)
+
+    levels = {"mine": LevelFiles(files=("a.npz",))}
+    join._pull_levels(RunFolder(tmp_path), SimpleNamespace(world=SimpleNamespace(levels=levels)), Bus())
+    assert own_copy(tmp_path, "mine").read_bytes() == b"leve"  # which its digest tells
 
 
 # railctl join

@@ -11,7 +11,7 @@ from railctl.common.levels.own import own_copy
 from railctl.common.process import STARTING
 from railctl.common.records.control import Empty, ScaleRequest
 from railctl.common.records.heartbeats import Heartbeat
-from railctl.common.records.joining import LevelsRequest
+from railctl.common.records.joining import LevelPart, LevelPartRequest
 from railctl.deploy import processes, supervise
 from railctl.deploy.launch import new_run, write_cluster_file
 from railctl.deploy.resolve import resolve
@@ -64,25 +64,21 @@ def test_a_process_that_is_heard_before_it_runs_lives_and_starts_still(runner):
         assert ward.last_sign > 0.0
 
 
-def test_the_copy_of_level_files_is_sent_whole(runner, tmp_path):
+def test_the_copy_of_level_files_is_sent_in_parts(runner, tmp_path, monkeypatch):
     copy = own_copy(tmp_path / "runs" / "one", "mine")
     copy.parent.mkdir()
     copy.write_bytes(b"levels")
-    question = Asked(LevelsRequest(level="mine"))
-    runner._on_pull_levels(question)
-    assert question.answered.content == b"levels"
+    monkeypatch.setattr(supervise, "PART_BYTES", 4)
+    for first, content in ((0, b"leve"), (4, b"ls"), (9, b"")):
+        question = Asked(LevelPartRequest(level="mine", first=first))
+        runner._on_pull_levels(question)
+        assert question.answered == LevelPart(content=content, total=6)
 
 
-def test_level_files_that_are_not_there_or_too_large_are_refused(runner, tmp_path, monkeypatch):
-    question = Asked(LevelsRequest(level="mine"))
+def test_level_files_that_are_not_there_are_refused(runner):
+    question = Asked(LevelPartRequest(level="mine", first=0))
     runner._on_pull_levels(question)
     assert question.refused == "mine.npz: No such file or directory"
-    copy = own_copy(tmp_path / "runs" / "one", "mine")
-    copy.parent.mkdir()
-    copy.write_bytes(b"levels")
-    monkeypatch.setattr(supervise, "MOST_LEVEL_BYTES", 5)
-    runner._on_pull_levels(question)
-    assert question.refused == "mine.npz has 6 bytes, and 5 is the most that is sent"
     assert question.answered is None
 
 

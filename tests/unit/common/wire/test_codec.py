@@ -254,8 +254,8 @@ MESSAGES = {
         namespace=st.from_regex(r"railctl/[0-9a-f]{12}", fullmatch=True),
         config=TEXTS,
     ),
-    joining.LevelsRequest: st.builds(joining.LevelsRequest, level=SERVES),
-    joining.LevelFileCopy: st.builds(joining.LevelFileCopy, content=st.binary(max_size=30)),
+    joining.LevelPartRequest: st.builds(joining.LevelPartRequest, level=SERVES, first=COUNTS),
+    joining.LevelPart: st.builds(joining.LevelPart, content=st.binary(max_size=30), total=COUNTS),
 }
 RECORD_TYPES = pytest.mark.parametrize("record_type", MESSAGES, ids=lambda record_type: record_type.__name__)
 
