@@ -104,9 +104,12 @@ def check_folder_of(path: Path, given: str) -> None:
 
 def check_free(path: Path, given: str) -> None:
     """The same, also if something is there already, be it a link that leads nowhere."""
-    if os.path.lexists(path):
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        check_folder_of(path, given)
+    else:
         raise ConfigError(f"{given}: exists already: give another name")
-    check_folder_of(path, given)
 
 
 def check_replaceable(path: Path, given: str) -> None:

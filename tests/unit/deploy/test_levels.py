@@ -392,7 +392,7 @@ def test_wrong_levels_are_one_line(railctl, tmp_path: Path, levels: str, problem
     ("text", "problem"),
     [
         ("zzz: 1", "unknown key zzz: "),
-        ("level: {own: {rules: stock, size: [20, 20], trains: 1, cities: 2}}", "level: input should be the name of a "),
+        ("level: {own: {rules: stock, size: [20, 20], trains: 1, cities: 2}}", "level: input should be a name, not {"),
         ("algorithm: nope", "unknown algorithm 'nope': "),
         ("levels: 3", "levels: input should be a valid dictionary, not 3"),
     ],
