@@ -17,6 +17,7 @@ from railctl.common.levels.distributions import shipped
 from railctl.common.locks import holder
 from railctl.common.process import Stopping
 from railctl.common.requests import LevelChoice, ReferenceRequest, ScoreRequest
+from railctl.common.snapshots import snapshots_of
 from railctl.common.strict import ConfigError
 from railctl.deploy.commands.evaluate import SCORER
 from railctl.deploy.commands.references import REFERENCE_SCORER
@@ -199,7 +200,7 @@ class Runner:
             path = Path(str(document["checkpoint"]))
             named = {"checkpoint": str(path.relative_to(self._folder.path))}  # wherever the study lies
             write_atomically(self._folder.evaluation(job.run), json.dumps(document | named, indent=2))
-            for snapshot in self._run(job.run).snapshots.glob("*.safetensors"):
+            for snapshot in snapshots_of(self._run(job.run)):
                 snapshot.unlink()
 
     def _stop(self, job: Job) -> None:
