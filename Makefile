@@ -70,7 +70,7 @@ chaos: install
 
 # Damaged and hostile messages, files and run files, so many cases of each property: a million in all, in about an hour.
 fuzz: install
-	$(TEST_ENVIRONMENT) RAILCTL_FUZZ_CASES=$(or $(CASES),15000) $(BIN)/pytest -n 2 --maxschedchunk 1 -m fuzz --hypothesis-show-statistics
+	$(TEST_ENVIRONMENT) RAILCTL_FUZZ_CASES=$(or $(CASES),16000) $(BIN)/pytest -n 2 --maxschedchunk 1 -m fuzz --hypothesis-show-statistics
 
 # Makes tables, figures and pages anew from the results that are kept with the project.
 results: install

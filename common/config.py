@@ -78,7 +78,7 @@ class ClusterConfig(Strict):
         if self.listen is not None and self.keys is None:
             raise ValueError(f"listen {self.listen} needs keys: add --keys DIR, as railctl keys create made it")
         if self.listen is None and self.keys is not None:
-            raise ValueError(f"keys {self.keys} need an address: add --listen tls/0.0.0.0:7447")
+            raise ValueError(f"keys {brief(self.keys)} need an address: add --listen tls/0.0.0.0:7447")
         return self
 
     @model_validator(mode="before")

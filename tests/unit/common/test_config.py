@@ -151,6 +151,7 @@ def complaint(data):
             "cluster: listen tls/0.0.0.0:1 needs keys: add --keys DIR, as railctl keys create made it",
         ),
         ("cluster.keys", "keys", "cluster: keys keys need an address: add --listen tls/0.0.0.0:7447"),
+        ("cluster.keys", "x" * 100, f"cluster: keys {'x' * 77}... need an address: add --listen tls/0.0.0.0:7447"),
         ("cluster.actors.easy", 257, "cluster.actors.easy: input should be less than or equal to 256, not 257"),
         ("cluster.actors.esy", 1, "actors for level esy, which this run does not have: it has easy"),
         (
