@@ -174,6 +174,13 @@ class RunFolder:
         return Door(cluster.listen, self.endpoint_and_namespace()[1], Credentials(Path(cluster.keys), "host"))
 
 
+def numbered(folder: Path) -> list[Path]:
+    """A run's own snapshots or checkpoints, the newest last; a user may keep others beside them."""
+    return sorted(
+        (path for path in folder.glob("*.safetensors") if path.stem.isdecimal()), key=lambda path: int(path.stem)
+    )
+
+
 def write_atomically(path: Path, content: str | bytes) -> None:
     """Replace a file in one step, so that nobody ever reads half of it, whatever ends: a process, or the power."""
     write_whole(path, content.encode() if isinstance(content, str) else content)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from railctl.common import checkpoint
 from railctl.common.checkpoint import CheckpointError, Metadata, Tensors
 from railctl.common.config import RunConfig, config_of_science
-from railctl.common.folder import RunFolder
+from railctl.common.folder import RunFolder, numbered
 from railctl.common.records.rows import EpisodeRow
 from railctl.common.strict import ConfigError
 
@@ -28,7 +28,7 @@ def newest_snapshot(folder: RunFolder, config: RunConfig) -> Snapshot | None:
         CheckpointError: none can be, and the text names the newest, and what deleting them leads to; or it belongs to
             another configuration.
     """
-    paths = snapshots_of(folder)[::-1]
+    paths = numbered(folder.snapshots)[::-1]
     errors: list[CheckpointError] = []
     for number, path in enumerate(paths):
         try:
@@ -42,11 +42,6 @@ def newest_snapshot(folder: RunFolder, config: RunConfig) -> Snapshot | None:
         return None
     whole = "it" if len(errors) == 1 else f"all {len(errors)} of {folder.snapshots}"
     raise CheckpointError(f"{errors[0]}, or delete {whole} to go on from the start, to the same curve")
-
-
-def snapshots_of(folder: RunFolder) -> list[Path]:
-    """The run's own snapshots, the newest last; a user may keep others beside them."""
-    return sorted(path for path in folder.snapshots.glob("*.safetensors") if path.stem.isdecimal())
 
 
 def check_history(path: Path, rows: Iterable[EpisodeRow], metadata: Metadata) -> None:

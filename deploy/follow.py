@@ -9,7 +9,7 @@ from heapq import merge
 from typing import Any, Generic, TypeVar
 
 from railctl.common.bus import Bus, NoAnswer
-from railctl.common.folder import RunFolder
+from railctl.common.folder import RunFolder, numbered
 from railctl.common.locks import living
 from railctl.common.recent import RECENT_EPISODES, mean_of
 from railctl.common.records.control import Empty, ProcessStatus, Progress, RunState, Status
@@ -39,7 +39,7 @@ def status_from_files(folder: RunFolder) -> Status:
     config = folder.config()
     done, recent = last_rows(folder.episodes_file, EpisodeRow, RECENT_EPISODES)
     checkpoints = len(list(folder.checkpoints.glob("*.safetensors"))) * len(config.mix)
-    snapshots = [int(path.stem) for path in folder.snapshots.glob("*.safetensors") if path.stem.isdecimal()]
+    snapshots = [int(path.stem) for path in numbered(folder.snapshots)]
     alive = living(folder)
     outcome, reason = outcome_of(folder)
     away = runs_elsewhere(folder)

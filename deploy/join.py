@@ -7,7 +7,7 @@ import shutil
 import socket
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -183,12 +183,18 @@ def _pull_levels(folder: RunFolder, config: RunConfig, bus: Bus) -> None:
             copy = own_copy(folder.path, name)
             copy.parent.mkdir(exist_ok=True)
             with copy.open("wb") as file:
-                while True:
-                    request = LevelPartRequest(level=name, first=file.tell())
-                    part = bus.ask(keys.PULL_LEVELS, request, PULL_TIMEOUT_S)
-                    file.write(part.content)
-                    if not part.content or file.tell() >= part.total:
-                        break
+                file.writelines(_parts(bus, name))
+
+
+def _parts(bus: Bus, level: str) -> Iterator[bytes]:
+    """What a run's copy of level files holds, as far as it goes if it shrinks meanwhile."""
+    first = 0
+    while True:
+        part = bus.ask(keys.PULL_LEVELS, LevelPartRequest(level=level, first=first), PULL_TIMEOUT_S)
+        yield part.content
+        first += len(part.content)
+        if not part.content or first >= part.total:
+            return
 
 
 def host_for(counts: Mapping[str, int]) -> str:

@@ -336,12 +336,18 @@ def parse_actors(text: str) -> dict[str, int]:
     return counts
 
 
-def merge(below: Mapping[str, Any], above: Mapping[str, Any], path: str = "") -> Plain:
-    """What the user said in two places, `above` over `below`; both lie at `path`, as an error names it.
+def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Plain:
+    """What the user said in two places, `above` over `below`.
 
     Raises:
         ConfigError: a mapping would cover something that is none.
     """
+    _check_covers(below, above, "")
+    return laid_over(below, above)
+
+
+def _check_covers(below: Mapping[str, Any], above: Mapping[str, Any], path: str) -> None:
+    """Raises as `merge`; both lie at `path`, as an error names it."""
     for key, value in above.items():
         under = below.get(key)
         if not isinstance(value, dict) or under is None:
@@ -349,8 +355,7 @@ def merge(below: Mapping[str, Any], above: Mapping[str, Any], path: str = "") ->
         if not isinstance(under, dict):
             both = f"{shortened(under, 30)} and {shortened(value, 30)}"
             raise ConfigError(f"{path}{key}: cannot be both {both}: give one of them")
-        merge(under, value, f"{path}{key}.")
-    return laid_over(below, above)
+        _check_covers(under, value, f"{path}{key}.")
 
 
 def laid_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> Plain:

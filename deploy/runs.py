@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from railctl.common.bus import Bus, NoAnswer, open_bus
-from railctl.common.folder import RunFolder
+from railctl.common.folder import RunFolder, numbered
 from railctl.common.locks import elsewhere, holder, living
 from railctl.common.strict import ConfigError, brief, check_is_text, nearest, shortened
 
@@ -109,12 +109,10 @@ def find_checkpoint(name: str) -> Path:
         run = find_run(name)
     except ConfigError as error:
         raise ConfigError(f"no file {brief(name)}, and {error}") from None
-    numbered = [
-        path for path in run.checkpoints.glob("*.safetensors") if path.stem.isdecimal()
-    ]  # a user may keep others
-    if not numbered:
+    own = numbered(run.checkpoints)
+    if not own:
         raise Failed(f"run {run.path.name} has no checkpoint yet: railctl checkpoint {run.path.name} writes one")
-    return max(numbered, key=lambda path: int(path.stem))
+    return own[-1]
 
 
 def pretrained() -> list[str]:

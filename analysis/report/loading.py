@@ -17,7 +17,7 @@ from railctl.common import checkpoint
 from railctl.common.bounded import parse_json, read_json
 from railctl.common.checkpoint import CheckpointError
 from railctl.common.config import RunConfig
-from railctl.common.folder import RunFolder
+from railctl.common.folder import RunFolder, numbered
 from railctl.common.records.rows import EpisodeRow, EvaluationRow
 from railctl.common.requests import Reference
 from railctl.common.rows import DamagedRows, read_rows
@@ -255,7 +255,7 @@ def _last(rows: Sequence[EvaluationRow]) -> Scored | None:
 
 def _arithmetic(folder: RunFolder) -> tuple[tuple[str, str], ...]:
     """What the learner computed its newest checkpoint with, as far as that can be read."""
-    paths = sorted(path for path in folder.checkpoints.glob("*.safetensors") if path.stem.isdecimal())
+    paths = numbered(folder.checkpoints)
     try:
         _tensors, metadata = checkpoint.load(paths[-1], "checkpoint")
         found = parse_json(metadata["arithmetic"])

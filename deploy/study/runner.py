@@ -12,12 +12,11 @@ from typing import Protocol
 
 from railctl.analysis.study import PlannedRun, Study, StudyFolder
 from railctl.common.config import RunConfig
-from railctl.common.folder import RunFolder, write_atomically
+from railctl.common.folder import RunFolder, numbered, write_atomically
 from railctl.common.levels.distributions import shipped
 from railctl.common.locks import holder
 from railctl.common.process import Stopping
 from railctl.common.requests import LevelChoice, ReferenceRequest, ScoreRequest
-from railctl.common.snapshots import snapshots_of
 from railctl.common.strict import ConfigError
 from railctl.deploy.commands.evaluate import SCORER
 from railctl.deploy.commands.references import REFERENCE_SCORER
@@ -200,7 +199,7 @@ class Runner:
             path = Path(str(document["checkpoint"]))
             named = {"checkpoint": str(path.relative_to(self._folder.path))}  # wherever the study lies
             write_atomically(self._folder.evaluation(job.run), json.dumps(document | named, indent=2))
-            for snapshot in snapshots_of(self._run(job.run)):
+            for snapshot in numbered(self._run(job.run).snapshots):
                 snapshot.unlink()
 
     def _stop(self, job: Job) -> None:

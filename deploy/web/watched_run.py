@@ -6,7 +6,7 @@ from typing import Any
 
 from railctl.common.bus import Bus, NoAnswer
 from railctl.common.config import RunConfig
-from railctl.common.folder import RunFolder
+from railctl.common.folder import RunFolder, numbered
 from railctl.common.locks import living
 from railctl.common.records.control import Status
 from railctl.common.records.rows import EventRow, MetricRow
@@ -146,9 +146,7 @@ class WatchedRun(Looker):
         return True
 
     def _checkpoints(self) -> list[int]:
-        return sorted(
-            int(path.stem) for path in self._folder.checkpoints.glob("*.safetensors") if path.stem.isdecimal()
-        )
+        return [int(path.stem) for path in numbered(self._folder.checkpoints)]
 
     def _last_events(self) -> list[EventRow]:
         stamp = self._stamp(self._folder.events_file)

@@ -11,13 +11,13 @@ import numpy as np
 from railctl.common import checkpoint
 from railctl.common.checkpoint import CheckpointError, Metadata, Tensors
 from railctl.common.config import RunConfig
-from railctl.common.folder import RunFolder
+from railctl.common.folder import RunFolder, numbered
 from railctl.common.machine import processor
 from railctl.common.policy.flat import Arrays
 from railctl.common.process import Fatal
 from railctl.common.records.rows import EpisodeRow
 from railctl.common.rows import DamagedRows, RowFile
-from railctl.common.snapshots import check_history, episodes_of, newest_snapshot, snapshots_of
+from railctl.common.snapshots import check_history, episodes_of, newest_snapshot
 
 log = logging.getLogger(__name__)
 
@@ -91,7 +91,7 @@ class Archive:
         self.rows.sync()
         checkpoint.save(_file(self._folder.snapshots, episode), state, self._metadata(episode, version), "snapshot")
         self.snapshot, self.version = episode, version
-        for old in snapshots_of(self._folder)[:-kept]:
+        for old in numbered(self._folder.snapshots)[:-kept]:
             old.unlink()
 
     def save_checkpoint(self, weights: Arrays, episode: int, version: int) -> Path:
